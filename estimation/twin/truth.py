@@ -30,7 +30,7 @@ from expdesign.runfolder import (
     strutwise,
 )
 from expdesign.runfolder.fields import checker
-from expdesign.runfolder.files import write_csv
+from expdesign.runfolder.tables import write_csv
 from expdesign.trajectory import FourierKeys, FourierTrajectory, fourier_keys
 
 _WRITTEN_BY = "`expdesign simulate`"

@@ -11,6 +11,7 @@ import typer
 from rich.table import Table
 
 from constraints import Limit
+from estimation.data.reading import read_measurement
 from expdesign.cli.output import note, results, warn, write_json
 from expdesign.configuration import (
     InputError,
@@ -127,8 +128,6 @@ def check_run(run: str, out: Path | None, *, machine: bool, as_json: bool) -> No
 
 def show_channels(run: str, data: Path, design: Path | None, *, as_json: bool) -> None:
     """Check the channels of a recording, and print the section `data` that is right."""
-    from estimation.data.reading import read_measurement
-
     configuration = load_run(run)
     refuse_unfit(configuration)
     sources = Sources(data=(data,), designs=() if design is None else (design,))

@@ -12,6 +12,7 @@ from typing import Any
 
 import typer
 
+from estimation.data.guess import guess_files
 from expdesign.cli.options import INIT_OPTIONS, flag
 from expdesign.cli.output import messages, note, say, write_json
 from expdesign.configuration import InputError, load_run
@@ -194,8 +195,6 @@ def write_data_section(
     file: Path, forces: Path | None, run: str | None, out: Path | None, *, as_json: bool
 ) -> None:
     """Print the guessed section `data` for a recording, or write it to a new file."""
-    from estimation.data.guess import guess_files  # no other command here reads recordings
-
     if out is not None:
         refuse_unwritable(out.absolute().parent)
         if out.exists():

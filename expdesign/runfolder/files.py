@@ -21,14 +21,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from expdesign.configuration import InputError, Problem
 from expdesign.configuration.document import read_text
-from expdesign.configuration.estimate import Header
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 FORMAT = "format"
 """The key of the format number in a JSON file."""
@@ -111,28 +107,6 @@ def write_text(path: Path, text: str) -> None:
 def write_json(path: Path, data: Any) -> None:
     """Write JSON; numbers that JSON does not have (NaN, ±inf) become null."""
     write_text(path, json.dumps(json_values(data), indent=2, ensure_ascii=False) + "\n")
-
-
-def write_csv(
-    path: Path,
-    table: pd.DataFrame,
-    delimiter: str = ",",
-    decimal: str = ".",
-    header: Header | None = None,
-) -> None:
-    """Write a table with all digits of its numbers (`repr`), by default comma-separated.
-
-    Lines of a header other than that of the names are empty.
-    """
-    header = header or Header()
-    form: dict[str, Any] = {"sep": delimiter, "decimal": decimal, "index": False}
-    form["lineterminator"] = "\n"
-    with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        file.write("\n" * header.before)
-        if header.names is None:
-            table.iloc[:0].to_csv(file, **form)
-        file.write("\n" * header.after)
-        table.to_csv(file, header=False, **form)
 
 
 def json_values(data: Any, substitute: Callable[[float], str | None] = lambda _: None) -> Any:

@@ -17,14 +17,15 @@ from pydantic import ValidationError
 from constraints.arrays import Array
 from expdesign.configuration import InputError, quote
 from expdesign.configuration.errors import value_problem
+from expdesign.configuration.estimate import Header
 from expdesign.runfolder.fields import Column, checker, field_columns
 from expdesign.runfolder.files import (
     FORMAT,
     LARGEST_NUMBER,
     MissingFileError,
+    atomic_write,
     check_format,
     read_mapping,
-    write_csv,
     write_json,
 )
 
@@ -330,6 +331,28 @@ def _refuse_large(path: Path, cells: Cells, name: str, values: Array) -> None:
             *(path, row + _FIRST_LINE, f"column {name}"),
             allowed=f"numbers up to {LARGEST_NUMBER:g}",
         )
+
+
+def write_csv(
+    path: Path,
+    table: pd.DataFrame,
+    delimiter: str = ",",
+    decimal: str = ".",
+    header: Header | None = None,
+) -> None:
+    """Write a table with all digits of its numbers (`repr`), by default comma-separated.
+
+    Lines of a header other than that of the names are empty.
+    """
+    header = header or Header()
+    form: dict[str, Any] = {"sep": delimiter, "decimal": decimal, "index": False}
+    form["lineterminator"] = "\n"
+    with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        file.write("\n" * header.before)
+        if header.names is None:
+            table.iloc[:0].to_csv(file, **form)
+        file.write("\n" * header.after)
+        table.to_csv(file, header=False, **form)
 
 
 def describe_tables(folder: Path, tables: Iterable[CsvFile[Any, Any]]) -> Path:

@@ -161,8 +161,9 @@ class FigureDefinition(Generic[Source]):
 
     def draw(self, result: Source) -> Figure:
         """Return the figure of a result."""
-        figure = new_figure(self.height, self.width)
-        self.fill(figure, result)
+        with house_style():
+            figure = new_figure(self.height, self.width)
+            self.fill(figure, result)
         return figure
 
     def ending(self, text: str) -> FigureDefinition[Source]:

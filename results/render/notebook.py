@@ -130,11 +130,8 @@ class Figures(Mapping[str, "Figure"]):
         self._drawings = {drawing.definition.key: drawing for drawing in drawings}
 
     def __getitem__(self, name: str) -> Figure:
-        from results.figures.drawing import house_style
-
         drawing = self._drawings[name]
-        with house_style():
-            return drawing.definition.draw(drawing.source)
+        return drawing.definition.draw(drawing.source)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._drawings)

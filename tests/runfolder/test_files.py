@@ -16,11 +16,11 @@ from expdesign.runfolder.files import (
     atomic_write,
     remove_leftovers,
     temporary_prefix,
-    write_csv,
     write_json,
     write_text,
 )
 from expdesign.runfolder.manifest import text_hash
+from expdesign.runfolder.tables import write_csv
 
 
 def names(folder):
