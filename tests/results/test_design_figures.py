@@ -312,7 +312,7 @@ def test_precision(run):
 def test_precision_without_a_nominal_value(run):
     path = run.folder / "tables/parameters.csv"
     lines = path.read_text().splitlines()
-    lines[1] = "p1,1,0.0,0.1,0.01,,"
+    lines[1] = "p1,1,0.0,0.1,0.01,,,,,"
     path.write_text("\n".join(lines))
     (axes,) = draw(run, "precision").axes
     assert [len(bars) for bars in axes.containers] == [23, 23]
