@@ -89,11 +89,11 @@ def join_tables(
     reduction = f"; combined at the times of the {('lengths', 'forces')[slow]}"
     if abs(lag) > 1e3 * _LATE * base.step:
         reduction += (
-            ". Two programs that were started together differ by this in their clocks: compare "
+            ". If both programs started together, their clocks differ by this: see "
             "`expdesign check --data --design`, and state a difference as data.delay"
         )
     late = "later" if lag >= 0 else "earlier"
-    return joint, f"{', '.join(about)}, the first force {abs(lag):.4g} ms {late}{reduction}"
+    return joint, f"{', '.join(about)}, forces begin {abs(lag):.4g} ms {late}{reduction}"
 
 
 def _supported(at: Array, times: Array, most: float) -> Mask:

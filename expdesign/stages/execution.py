@@ -80,14 +80,11 @@ def execute(stage: Stage, work: Workspace) -> Outcome:
     try:
         if stage.name in _PARALLEL and (work.configuration.run.workers or 1) > 1:
             prepare_workers()
-        with (
-            _entry_if_interrupted(stage, work, began),
-            work.progress.working(stage.name) as listener,
-            listen_to_progress(listener),
-        ):
-            stage.read_inputs(work)
-            report_progress("loading modules")
-            outcome = stage.functions().run(work)
+        with work.progress.working(stage.name) as listener, listen_to_progress(listener):
+            with _entry_if_interrupted(stage, work, began):
+                stage.read_inputs(work)
+                report_progress("loading modules")
+                outcome = stage.functions().run(work)
             # Hours of computation are not lost to a Ctrl-C in the seconds of saving.
             with interruptible(work.progress.note, *_SAVING) as asked:
                 outcome = save(outcome, stage, work, began)

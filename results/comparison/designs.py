@@ -465,8 +465,8 @@ def _best_in_words(comparison: DesignComparison) -> tuple[str, list[Fact]]:
         if {each.objective for each in known} == {("d", "", None, False)}:
             found = [_most_informative(comparison, known, among)]
         else:
-            ends = dict.fromkeys(each.objective[:3] for each in known)
-            found = [_most_precise(comparison, known, (c, s, i), among) for c, s, i in ends]
+            objectives = dict.fromkeys(each.objective[:3] for each in known)
+            found = [_most_precise(comparison, known, each, among) for each in objectives]
         text += "".join(sentence for sentence, _ in found)
         facts += [fact for _, fact in found]
     if comparison.machine_count > 1:
@@ -501,15 +501,15 @@ def _most_informative(
 def _most_precise(
     comparison: DesignComparison,
     designs: Sequence[ComparedDesign],
-    end: tuple[str, str, Sequence[str] | TaskSection | None],
+    objective: tuple[str, str, Sequence[str] | TaskSection | None],
     among: str,
 ) -> tuple[str, Fact]:
     """Return the design with the smallest predicted standard deviations and those of the others.
 
-    The end of designs is a criterion, its scaling and the quantities of interest. The standard
-    deviations are summarised as the criterion does: rms (a), the largest (e), or geometric mean.
+    The objective is a criterion, its scaling and the quantities of interest. The standard
+    deviations are summarised as in `plan`: rms (criterion a), the largest (e), or geometric mean.
     """
-    criterion, scaling, interest = end
+    criterion, scaling, interest = objective
     samples = comparison.experiment_samples
     name, summarise = _SUMMARIES.get(criterion, _GEOMETRIC)
     if isinstance(interest, TaskSection):

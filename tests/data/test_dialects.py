@@ -96,7 +96,7 @@ def test_tension_and_position_of_two_computers(tmp_path, rec, palida):
     places = {"lengths": str(files[0]), "forces": str(files[1])}
     section = DataSection.model_validate({"files": places, **guess.section})
     found = read_measurement(files[0], section, palida)
-    assert "the first force 31 ms later; combined at the times of the forces" in found.warnings[0]
+    assert "forces begin 31 ms later; combined at the times of the forces" in found.warnings[0]
     assert found.step == pytest.approx(0.02, rel=1e-4)
     np.testing.assert_allclose(found.forces, forces[: len(found)], atol=1e-6)
     expected = rec.q[0] + 0.01 * np.sin(4 * late[: len(found), None] + np.arange(6))

@@ -96,14 +96,14 @@ def test_two_rates_meet_at_the_lower_one(tmp_path, of_lengths, of_forces, dates)
     assert np.median(np.abs(found.forces - forces)) < 0.05
     (remark, *_) = found.warnings
     assert remark == (
-        f"lengths at {of_lengths} Hz, forces at {of_forces} Hz, the first force 12.3 ms later; "
+        f"lengths at {of_lengths} Hz, forces at {of_forces} Hz, forces begin 12.3 ms later; "
         f"combined at the times of the {'forces' if of_forces < of_lengths else 'lengths'}"
     )
 
 
 def test_a_late_beginning_of_one_file_doubts_the_clocks(tmp_path):
     (remark, *_) = _read(_files(tmp_path, _grid(500), _grid(500, 0.056))).warnings
-    assert "the first force 56 ms later" in remark
+    assert "forces begin 56 ms later" in remark
     assert "in their clocks" in remark
     assert "data.delay" in remark
 
