@@ -104,7 +104,7 @@ def test_two_rates_meet_at_the_lower_one(tmp_path, of_lengths, of_forces, dates)
 def test_a_late_beginning_of_one_file_doubts_the_clocks(tmp_path):
     (remark, *_) = _read(_files(tmp_path, _grid(500), _grid(500, 0.056))).warnings
     assert "forces begin 56 ms later" in remark
-    assert "in their clocks" in remark
+    assert "clocks" in remark
     assert "data.delay" in remark
 
 
