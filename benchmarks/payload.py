@@ -20,13 +20,13 @@ import expdesign
 from benchmarks.studies import CLEAR_BIAS, ROOT, Row, claim_row, summary
 from constraints.arrays import Array
 from estimation.estimators import Experiment
+from estimation.estimators.experiment import MotionEstimate
 from estimation.estimators.joint_equations import PerturbedMachine, reduced_information
 from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.result import TEN, payload_estimate
 from estimation.identification import estimate_parameters
 from estimation.identification.estimation import parameter_priors, run_estimators
 from estimation.identification.recording import prepare_experiment
-from estimation.kinematics import MotionFit
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_recording
 from estimation.twin import Twin
@@ -34,7 +34,6 @@ from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import RunConfiguration, load_run
 from expdesign.configuration.consistency import identification_of
 from expdesign.experiment.setup import plan_search
-from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms.rigid_platform import OF_A_BODY
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory, TrajectoryFile
@@ -217,13 +216,13 @@ def _joint_bound(run: RunConfiguration, design: FourierTrajectory) -> Array:
     record = fold_recording(measured, design.omega, PeriodSource.DESIGN, average=True)
     motion = HarmonicMotion.of(design, free_frequency=False)
     unknowns = np.zeros((motion.unknowns, motion.unknowns))
-    fit = MotionFit(motion, unknowns, np.zeros((record.samples, ACTUATORS)))
     noise = NoiseModel(
         NoiseEstimate(twin.force_noise.covariance, np.inf, "given"),
         NoiseEstimate(twin.length_noise.covariance, np.inf, "given"),
     )
     spread = np.zeros((record.samples, robot.graph.signs.numel()))
-    experiment = Experiment.along(robot, record, noise, fit, spread)
+    known = MotionEstimate(motion, unknowns, spread)
+    experiment = Experiment.along(robot, record, noise, known)
     alone = run.with_section("estimate", prior={})
     knowledge = parameter_priors(alone, robot)
     values = twin.truth.values_of(robot.parameter_names)

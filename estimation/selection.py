@@ -442,10 +442,10 @@ class Evidence:
             Estimated deviations that the robot contains already, by name.
         """
         shares, precision, off = [], np.zeros(0), np.zeros(0)
-        coloured = [with_empirical_colour(experiment) for experiment in experiments]
+        coloured = [with_empirical_colour(each.for_estimator("ml")) for each in experiments]
         reweighted = [replace(each, noise=empirical_noise(each)) for each in coloured]
         for experiment in reweighted:
-            motion = None if experiment.fit is None else experiment.motion
+            motion = None if experiment.fit is None else experiment.fit.motion
             part = linearise(robot, experiment, values, priors.free, motion)
             candidate_effects = CandidateEffects(robot, experiment, motion, values, part)
             _, precision, off = candidate_effects.tolerance_columns(known)

@@ -186,6 +186,7 @@ def _linearise(
     """Linearise an experiment, the one of the estimate with this number, at the estimate."""
     own_motion = estimate.estimator == "ml" and not held_out
     estimated = estimate.motions[number] if own_motion else None
+    experiment = experiment.for_estimator("ml") if own_motion else experiment
     known = _with_known_spline(robot, experiment, estimated)
     coloured = with_empirical_colour(known)
     motion = None if coloured.fit is None else (estimated or coloured.fit.motion)

@@ -275,7 +275,8 @@ def _sign_errors(
     in the delay, 4 ρ ρ' φ φ' with the normal density φ, is left out. Returned with the precisions
     of their factors in a fit, (s,).
     """
-    signs, spread = experiment.signs(robot, motion), experiment.spread_along(motion)
+    known = experiment.along_motion(motion)
+    signs, spread = known.signs(robot, experiment.recording.forces.times), known.spread
     above = (1 + cells.mean(signs)) / 2
     first = np.arange(len(above))
     if cells.index is not None:
@@ -512,8 +513,8 @@ class CandidateEffects:
 
     def _forces(self, motion: Motion) -> Array:
         """Return the predicted forces at the samples along a motion, (T, 6)."""
-        signs = self.experiment.signs(self.robot, motion)
-        return regressors_along(self.robot, motion, self.experiment.times, signs) @ self.values
+        known, times = self.experiment.along_motion(motion), self.experiment.times
+        return known.regressors(self.robot, times) @ self.values
 
     @cached_property
     def _deviations(self) -> tuple[Signature, tuple[str, ...]]:
@@ -523,7 +524,7 @@ class CandidateEffects:
             each for each in deviations(robot) if each.group in _GEOMETRIC or each.name in inexact
         ]
         machine = PerturbedMachine.of(robot, wanted, np.zeros(len(wanted)))
-        motion, steps = machine.follow_lengths(experiment, motion)
+        experiment, motion, steps = machine.follow_lengths(experiment, motion)
         rows, no_parameters = chunks(experiment.recording.samples), np.zeros(len(self.values), bool)
         seen = (machine.forces(experiment, motion, self.values, each) for each in rows)
         forces = np.concatenate([each.columns(no_parameters).times(steps) for each in seen])
@@ -572,7 +573,8 @@ class CandidateEffects:
         times = experiment.recording.forces.times
         if not robot.graph.rates:
             return robot, np.zeros((len(times), 0))
-        return robot, experiment.signs_for_robot(robot, motion)
+        along = experiment.along_motion(motion).for_robot(robot, experiment.recording)
+        return robot, along.signs(robot, times)
 
     def _regressors_of(self, robot: Robot, signs: Array | None) -> Array:
         """Return the regressors of another robot, (R, 6, m)."""

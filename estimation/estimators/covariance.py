@@ -411,7 +411,7 @@ def _response(influence: Influence, chosen: Sequence[EstimatedDeviation], own: i
     theta = dict(zip((one.name for one in found.chosen), found.theta.tolist(), strict=True))
     at = np.array([theta.get(one.name, 0.0) for one in chosen])
     machine = PerturbedMachine.of(influence.robot, chosen, at)
-    motion, steps = machine.follow_lengths(experiment, motion)
+    experiment, motion, steps = machine.follow_lengths(experiment, motion)
     steps = steps[:, own:]
     jumps = not any(one.group in LAGS_OF_FORCES for one in found.chosen)
     no_parameters = np.zeros_like(influence.free)

@@ -23,20 +23,39 @@ UNSURE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class MotionEstimate:
-    """Motion with another number of harmonics than the fitted one, or another spline."""
+    """Motion of a recording with its uncertainty."""
 
     motion: Motion
     covariance: Array
     """(x, x), covariance of its unknowns."""
     spread: Array
     """(S, s), standard deviations of the rates of friction at the force samples."""
+    wanted: int | None = None
+    """Number of harmonics in the lengths, if no motion with as many was found."""
 
     @classmethod
     def of(
-        cls, robot: Robot, recording: PeriodicRecording, motion: Motion, covariance: Array
+        cls,
+        robot: Robot,
+        recording: PeriodicRecording,
+        motion: Motion,
+        covariance: Array,
+        wanted: int | None = None,
     ) -> MotionEstimate:
-        """Return a motion with the spread of its rates in a recording."""
-        return cls(motion, covariance, rate_spread(robot, motion, recording, covariance))
+        """Return a motion with the spread of the rates of a robot's terms."""
+        return cls(motion, covariance, rate_spread(robot, motion, recording, covariance), wanted)
+
+    def for_robot(self, robot: Robot, recording: PeriodicRecording) -> MotionEstimate:
+        """Return the motion with the spread of the rates of another robot's terms."""
+        return self.of(robot, recording, self.motion, self.covariance, self.wanted)
+
+    def signs(self, robot: Robot, times: Array) -> Array:
+        """Return the expected friction signs at the force samples, (S, s)."""
+        return expected_signs(robot, self.motion, times, self.spread)
+
+    def regressors(self, robot: Robot, times: Array) -> Array:
+        """Return A at the force samples, (S, 6, m)."""
+        return regressors_along(robot, self.motion, times, self.signs(robot, times))
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,25 +64,24 @@ class Experiment:
 
     recording: PeriodicRecording
     noise: NoiseModel
-    fit: MotionFit | None
-    """None after pointwise differentiation."""
-    spread: Array | None
-    """(S, s), standard deviations of the rates of friction at the force samples."""
+    fit: MotionEstimate | None
+    """Motion fitted to the lengths, or that of an estimator (`for_estimator`); None after pointwise
+    differentiation."""
     fitted_regressors: Array
-    """(R, 6, m), A at the samples, along the motion that was estimated from the lengths."""
+    """(R, 6, m), A at the samples, along the motion of LS and GM."""
     certainty: Array
     """(S,), share of the noise in the variance of noise and unknown signs of friction."""
     pointwise: PointwiseMotion | None = None
     refined_motion: MotionEstimate | None = None
     """Motion of ML: a spline, or with the harmonics that only forces and lengths together
-    determine; None if the forces show no more than the lengths."""
+    determine; None: the fitted one, since the forces show no more than the lengths."""
     settled: bool = True
     """Whether motion and noise of a recording without a period agree."""
     linear_motion: MotionEstimate | None = None
     """Motion of LS and GM without the harmonics that tolerances can raise and the lengths do not
-    show; None if there are none. Estimated from the lengths alone, they would add their noise to
-    the regressors, more of it in accelerations the higher they are: with 40 harmonics it can be
-    larger than the motion."""
+    show; None: the fitted one, since there are none. Estimated from the lengths alone, they would
+    add their noise to the regressors, more of it in accelerations the higher they are: with 40
+    harmonics it can be larger than the motion."""
     linear_noise: NoiseEstimate | None = None
     """Noise by which GM weights the forces, with the error of the motion; None: that of them."""
 
@@ -72,22 +90,16 @@ class Experiment:
         cls, robot: Robot, recording: PeriodicRecording, noise: NoiseModel, fit: MotionFit
     ) -> Experiment:
         """Build an experiment from a fitted motion."""
-        spread = rate_spread(robot, fit.motion, recording, fit.covariance)
-        return cls.along(robot, recording, noise, fit, spread)
+        known = MotionEstimate.of(robot, recording, fit.motion, fit.covariance, fit.wanted)
+        return cls.along(robot, recording, noise, known)
 
     @classmethod
     def along(
-        cls,
-        robot: Robot,
-        recording: PeriodicRecording,
-        noise: NoiseModel,
-        fit: MotionFit,
-        spread: Array,
+        cls, robot: Robot, recording: PeriodicRecording, noise: NoiseModel, fit: MotionEstimate
     ) -> Experiment:
-        """Build an experiment from a motion and the spread of its rates (zero: a known motion)."""
-        signs = expected_signs(robot, fit.motion, recording.forces.times, spread)
-        regressors = regressors_along(robot, fit.motion, recording.forces.times, signs)
-        return cls(recording, noise, fit, spread, regressors, np.ones(len(signs)))
+        """Build an experiment from a motion (with a spread of zero: a known one)."""
+        times = recording.forces.times
+        return cls(recording, noise, fit, fit.regressors(robot, times), np.ones(len(times)))
 
     @classmethod
     def from_points(
@@ -95,7 +107,7 @@ class Experiment:
     ) -> Experiment:
         """Build an experiment from pointwise kinematics."""
         certainty = np.ones(len(recording.forces.times))
-        return cls(recording, noise, None, None, regressors_at(robot, motion), certainty, motion)
+        return cls(recording, noise, None, regressors_at(robot, motion), certainty, motion)
 
     def with_known_motion(self, robot: Robot, motion: Motion) -> Experiment:
         """Return the experiment with states and regressors of a motion, taken as known.
@@ -110,16 +122,24 @@ class Experiment:
             self,
             fit=None,
             linear_motion=None,
-            spread=None,
             pointwise=PointwiseMotion(rows, motion.at(times).state()[rows], motion),
-            fitted_regressors=self.regressors(robot, motion)[rows],
+            fitted_regressors=self.along_motion(motion).regressors(robot, times)[rows],
         )
+
+    def for_estimator(self, name: str) -> Experiment:
+        """Return the experiment along the motion of ``"ls"``, ``"gm"`` or ``"ml"``."""
+        if self.fit is None:
+            return self
+        linear, joint = self.linear, self.joint
+        fit = joint if name == "ml" else linear
+        return replace(self, fit=fit, linear_motion=linear, refined_motion=joint)
 
     def of_robot(self, robot: Robot) -> Experiment:
         """Return the experiment with the regressors A of another robot along the same motion."""
         if self.pointwise is not None:
             return replace(self, fitted_regressors=regressors_at(robot, self.pointwise))
-        return replace(self, fitted_regressors=self.regressors(robot, self.motion_of_regressors))
+        regressors = self.linear.regressors(robot, self.recording.forces.times)
+        return replace(self, fitted_regressors=regressors)
 
     def with_terms_of(self, robot: Robot) -> Experiment:
         """Return the experiment with the regressors A of a robot that has other terms.
@@ -127,45 +147,21 @@ class Experiment:
         The motion stays. The friction of the new terms may depend on other rates; their standard
         deviations follow from the same fit.
         """
-        fit = self.fit
-        if fit is None:
-            return self.of_robot(robot)
-
-        def of_terms(known: MotionEstimate | None) -> MotionEstimate | None:
-            if known is None:
-                return None
-            return MotionEstimate.of(robot, self.recording, known.motion, known.covariance)
-
-        return replace(
-            self,
-            spread=rate_spread(robot, fit.motion, self.recording, fit.covariance),
-            refined_motion=of_terms(self.refined_motion),
-            linear_motion=of_terms(self.linear_motion),
-        ).of_robot(robot)
-
-    def along_fit(self, robot: Robot, fit: MotionFit) -> Experiment:
-        """Return the experiment along another fit; the present one is the refined motion."""
-        if self.spread is None:
-            raise ValueError("pointwise kinematics have no fit")
-        refined = MotionEstimate(self.fitted.motion, self.fitted.covariance, self.spread)
-        spread = rate_spread(robot, fit.motion, self.recording, fit.covariance)
-        changed = replace(self, fit=fit, spread=spread, refined_motion=refined)
+        fit, refined, linear = (
+            known and known.for_robot(robot, self.recording)
+            for known in (self.fit, self.refined_motion, self.linear_motion)
+        )
+        changed = replace(self, fit=fit, refined_motion=refined, linear_motion=linear)
         return changed.of_robot(robot)
-
-    def with_linear_motion(self, robot: Robot, fit: MotionFit) -> Experiment:
-        """Return the experiment with another fit as the motion of LS and GM."""
-        linear = MotionEstimate.of(robot, self.recording, fit.motion, fit.covariance)
-        return replace(self, linear_motion=linear).of_robot(robot)
 
     def without_lacking_terms(self, robot: Robot) -> Experiment:
         """Return the experiment without the forces of the robot's `lacking_parameters`."""
         if self.fit is None or not any(robot.lacking_parameters):
             return self
         extended, own = robot.extended, len(robot.parameters)
-        times, motion = self.recording.forces.times, self.fit.motion
-        signs = self.signs_for_robot(extended, motion)
-        columns = regressors_along(extended, motion, times, signs)[:, :, own:]
-        lacking, forces = columns @ extended.parameters[own:], self.recording.forces
+        known, forces = self.fit.for_robot(extended, self.recording), self.recording.forces
+        columns = known.regressors(extended, forces.times)[:, :, own:]
+        lacking = columns @ extended.parameters[own:]
         forces = replace(
             forces,
             values=forces.values - lacking,
@@ -175,8 +171,8 @@ class Experiment:
         return replace(self, recording=replace(self.recording, forces=forces))
 
     @property
-    def fitted(self) -> MotionFit:
-        """The fitted motion.
+    def fitted(self) -> MotionEstimate:
+        """The fitted motion, or that of an estimator.
 
         Raises
         ------
@@ -188,20 +184,19 @@ class Experiment:
         return self.fit
 
     @property
-    def motion_of_regressors(self) -> Motion:
-        """Motion along which LS and GM evaluate the regressors."""
-        return self.fitted.motion if self.linear_motion is None else self.linear_motion.motion
+    def linear(self) -> MotionEstimate:
+        """Motion of LS and GM."""
+        return self.linear_motion or self.fitted
 
     @property
-    def covariance_of_regressors(self) -> Array:
-        """(x, x), covariance of its Fourier coefficients."""
-        known = self.fitted if self.linear_motion is None else self.linear_motion
-        return known.covariance
+    def joint(self) -> MotionEstimate:
+        """Motion at which ML begins, the best known one."""
+        return self.refined_motion or self.fitted
 
     @property
     def harmonics(self) -> int | None:
         """Harmonics of the motion that ML estimates; None after pointwise differentiation."""
-        return None if self.fit is None else self.motion.harmonics
+        return None if self.fit is None else self.joint.motion.harmonics
 
     @property
     def harmonics_left_out(self) -> int:
@@ -210,14 +205,9 @@ class Experiment:
         It is zero where tolerances raise harmonics: the effects of the tolerances contain these,
         and more that the forces show.
         """
-        if self.refined_motion is None or self.fit is None or self.linear_motion is not None:
+        if self.fit is None or self.linear_motion is not None:
             return 0
-        return (self.refined_motion.motion.harmonics or 0) - (self.fit.motion.harmonics or 0)
-
-    @property
-    def motion(self) -> Motion:
-        """Best known motion: the starting point of ML; none after pointwise differentiation."""
-        return self.fitted.motion if self.refined_motion is None else self.refined_motion.motion
+        return (self.harmonics or 0) - (self.fit.motion.harmonics or 0)
 
     def select_rows(self, values: Array) -> Array:
         """Return the rows of the values, (S, …), at which the motion is known: (R, …)."""
@@ -253,11 +243,11 @@ class Experiment:
         noise, recording = self.noise.forces, self.recording
         if self.fit is None or noise.filter is not None:
             return self
-        signs = self.signs(robot, self.motion)
+        signs = self.joint.signs(robot, recording.forces.times)
         rows = np.flatnonzero(np.any(1 - signs**2 > UNSURE, axis=1))
         if not len(rows):
             return self
-        state = self.motion.at(recording.forces.times[rows]).state()
+        state = self.joint.motion.at(recording.forces.times[rows]).state()
         jumps, _, _ = force_jumps(robot, state, signs[rows], values)
         variance = np.einsum("sij,sj->si", jumps**2, 1 - signs[rows] ** 2)
         # Rows of one phase in several periods, or of one standstill, have the same sign.
@@ -288,38 +278,9 @@ class Experiment:
         """(R,) times of the rows, s."""
         return self.select_rows(self.recording.forces.times)
 
-    def signs(self, robot: Robot, motion: Motion) -> Array:
-        """Return the expected friction signs along a motion, (S, s)."""
-        times = self.recording.forces.times
-        return expected_signs(robot, motion, times, self.spread_along(motion))
-
-    def spread_along(self, motion: Motion) -> Array:
-        """Return the standard deviations of the rates of friction along a motion, (S, s)."""
-        if self.spread is None:
-            raise ValueError("pointwise kinematics have no spread of their rates")
-        known = self._matching_motion(motion)
-        return self.spread if known is None else known.spread
-
-    def signs_for_robot(self, robot: Robot, motion: Motion) -> Array:
-        """Return the expected friction signs for the terms of another robot, (S, s)."""
-        known, recording = self._matching_motion(motion), self.recording
-        covariance = self.fitted.covariance if known is None else known.covariance
-        spread = rate_spread(robot, motion, recording, covariance)
-        return expected_signs(robot, motion, recording.forces.times, spread)
-
-    def _matching_motion(self, motion: Motion) -> MotionEstimate | None:
-        """Return the motion of ML, or that of LS and GM, with as many harmonics; None: the fit."""
-        if motion is self.fitted.motion:
-            return None
-        others = (self.refined_motion, self.linear_motion)
-        same = (each for each in others if each and each.motion.harmonics == motion.harmonics)
-        return next(same, None)
-
-    def regressors(self, robot: Robot, motion: Motion) -> Array:
-        """Return A at the force samples along a motion, (S, 6, m)."""
-        return regressors_along(
-            robot, motion, self.recording.forces.times, self.signs(robot, motion)
-        )
+    def along_motion(self, motion: Motion) -> MotionEstimate:
+        """Return another motion with the uncertainty of the fitted one, such as an estimate."""
+        return replace(self.fitted, motion=motion)
 
 
 def regressors_at(robot: Robot, motion: PointwiseMotion) -> Array:

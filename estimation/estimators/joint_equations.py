@@ -74,21 +74,20 @@ def reduced_information(equations: Sequence[NormalEquations], priors: ParameterP
 def cramer_rao_covariance(
     robot: Robot,
     experiments: Sequence[Experiment],
-    motions: Sequence[Motion],
     priors: ParameterPriors,
     values: Array,
 ) -> Array:
     """Return the Cramér–Rao bound at (p, ξ) as a covariance, (m, m); zero for fixed parameters.
 
     Priors count as data. Estimated constants of terms are unknowns, too, evaluated at the robot's
-    values. The friction signs are the exact ones at `motions` if the experiments have no spread of
-    their rates (`Experiment.spread` zero), otherwise the expected ones.
+    values. The motions are those at which ML begins, with the exact friction signs if their rates
+    have no spread, otherwise the expected ones.
     """
     constants = priors.constants(robot)
     machine = PerturbedMachine.of(robot, constants, np.zeros(len(constants)))
     equations = [
-        machine.joint_equations(*each, values, priors.free)
-        for each in zip(experiments, motions, strict=True)
+        machine.joint_equations(each, each.fitted.motion, values, priors.free)
+        for each in (experiment.for_estimator("ml") for experiment in experiments)
     ]
     known = priors.with_deviations(constants)
     inverse = known.inverse(reduced_information(equations, known))
@@ -220,7 +219,7 @@ class PerturbedMachine:
         times = experiment.recording.forces.times[part]
         own, values = experiment.recording.own_clock, self.parameters(values)
         sampled = self._sample(motion, times - delay, own_clock=own)
-        spread = experiment.spread_along(motion)[part]
+        spread = experiment.fitted.spread[part]
         if spread_of_delay:
             spread = add_time_spread(self.robot, sampled, spread, spread_of_delay)
         signs = signs_along(self.robot, sampled, spread)
@@ -290,21 +289,24 @@ class PerturbedMachine:
         parts = chunks(experiment.recording.samples)
         return NormalEquations.of(map(rows, parts), noise.covariance, noise.filter)
 
-    def follow_lengths(self, experiment: Experiment, motion: Motion) -> tuple[Motion, Array]:
+    def follow_lengths(
+        self, experiment: Experiment, motion: Motion
+    ) -> tuple[Experiment, Motion, Array]:
         """Return a motion with all harmonics, and the change of (θ, ξ) per unit of θ, (t + x, t).
 
+        The experiment is that along this motion.
         A controller follows lengths. Harmonics that θ raises, and that the motion leaves out,
         therefore change the forces and not the lengths; those that it has are unknowns of the fit.
         """
-        count, harmonics = len(self.chosen), experiment.motion.harmonics
+        count, harmonics = len(self.chosen), experiment.harmonics
         moved: Array = np.zeros((motion.unknowns, count))
         if isinstance(motion, HarmonicMotion) and harmonics and harmonics > motion.harmonics:
-            motion = motion.with_harmonics(harmonics)
+            experiment, motion = experiment.for_estimator("ml"), motion.with_harmonics(harmonics)
             matrix = self.length_equations(experiment, motion).matrix
             moving = np.array([one.group in MOVING_GROUPS for one in self.chosen])
             change = -np.linalg.solve(matrix[count:, count:], matrix[count:, :count])
             moved = np.where(moving, change, np.zeros_like(change))
-        return motion, np.concatenate([np.eye(count), moved])
+        return experiment, motion, np.concatenate([np.eye(count), moved])
 
     def force_equations(
         self,

@@ -56,7 +56,8 @@ def linear_estimate(
     constants = priors.constants(robot)
     if constants and any(experiment.fit is None for experiment in experiments):
         raise ValueError("constants of terms are estimated along fitted motions only")
-    problem = _Problem(robot, tuple(experiments), priors, estimator, constants)
+    along = tuple(experiment.for_estimator(estimator) for experiment in experiments)
+    problem = _Problem(robot, along, priors, estimator, constants)
     fit, iterations, status = _iterate(problem)
     influences = [_influence(fit, number) for number in range(len(experiments))]
     return ParameterEstimate.of(
@@ -67,7 +68,7 @@ def linear_estimate(
         constants,
         began=began,
         estimator=estimator,
-        motions=tuple(e.motion_of_regressors for e in experiments if e.fit is not None),
+        motions=tuple(each.fit.motion for each in along if each.fit is not None),
         cost=fit.cost,
         iterations=iterations,
         converged=status == "",
@@ -154,9 +155,8 @@ class _Fit:
         problem = self.problem
         found = []
         for experiment, weights in zip(self.experiments, problem.weights, strict=True):
-            own = self.values, problem.priors.free, weights
-            motion = experiment.motion_of_regressors
-            found.append(self.machine.force_equations(experiment, motion, *own))
+            own = experiment.fitted.motion, self.values, problem.priors.free, weights
+            found.append(self.machine.force_equations(experiment, *own))
         return found
 
     @cached_property
@@ -214,9 +214,9 @@ def _influence(fit: _Fit, number: int) -> Influence:
     problem, experiment, gain = fit.problem, fit.experiments[number], fit.inverse
     motion, length_gain, force_gain = None, None, gain
     if experiment.fit is not None:
-        motion, count = experiment.motion_of_regressors, gain.shape[1]
+        motion, count = experiment.fit.motion, gain.shape[1]
         matrix = fit.equations[number].matrix
-        length_gain = -gain @ matrix[:count, count:] @ experiment.covariance_of_regressors
+        length_gain = -gain @ matrix[:count, count:] @ experiment.fit.covariance
         if problem.constants:
             force_gain = np.pad(gain, ((0, 0), (0, motion.unknowns)))
             length_gain = np.pad(length_gain, ((0, 0), (len(problem.constants), 0)))

@@ -72,11 +72,12 @@ def maximum_likelihood(
         raise ValueError("maximum likelihood needs motions that were fitted by Fourier series")
     # θ follows the parameters and is treated alike, with its tolerances as priors.
     joint_priors = priors.with_deviations(deviations)
+    experiments = [experiment.for_estimator("ml") for experiment in experiments]
     problem = _Problem(robot, experiments, joint_priors, deviations)
     known = {} if start.systematic is None else start.systematic.estimates
     theta = [known.get(one.name, 0.0) for one in deviations]
     values = np.concatenate([start.values, theta])
-    motions = [experiment.motion for experiment in experiments]
+    motions = [experiment.fitted.motion for experiment in experiments]
     point = problem.at(values, motions)
     damping, iterations, status = 0.0, 0, "stopped at the maximum number of iterations"
     converged = False

@@ -253,6 +253,7 @@ def _motion(estimation: Estimation, number: int) -> EstimatedMotion:
     """Evaluate the best estimate at the samples of a recording, counted from 1."""
     experiment, motion = estimation.experiments[number - 1], estimation.best.motions[number - 1]
     recording, robot = experiment.recording, estimation.robot
+    along = experiment.for_estimator(estimation.best.estimator).along_motion(motion)
     length_state = motion.at(recording.lengths.times).state()
     return EstimatedMotion(
         recording.forces.times + recording.origin,
@@ -268,7 +269,7 @@ def _motion(estimation: Estimation, number: int) -> EstimatedMotion:
             recording.forces.as_recorded,
             (
                 recording.forces.values,
-                experiment.regressors(robot, motion) @ estimation.best.values,
+                along.regressors(robot, recording.forces.times) @ estimation.best.values,
             ),
         ),
     )

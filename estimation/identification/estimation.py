@@ -344,10 +344,9 @@ def _bound(
         return estimates["ml"].covariance_random
     if any(experiment.fit is None for experiment in experiments):
         return None
-    motions = [experiment.motion for experiment in experiments]
     last = list(estimates.values())[-1]
     robot, values = estimated_machine(robot, last.systematic).robot, last.values
-    return cramer_rao_covariance(robot, experiments, motions, priors, values)
+    return cramer_rao_covariance(robot, experiments, priors, values)
 
 
 def parameter_priors(configuration: RunConfiguration, robot: Robot) -> ParameterPriors:

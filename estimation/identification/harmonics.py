@@ -62,12 +62,14 @@ def refine_motion(
 
     The experiment's motion was fitted to the lengths; the refined one has more harmonics.
     """
-    fit, recording = experiment.fitted, experiment.recording
-    least, most = fit.series.harmonics, most_harmonics(recording)
+    fitted, recording = experiment.fitted.motion, experiment.recording
+    if not isinstance(fitted, HarmonicMotion):
+        raise TypeError("a motion without a period has no harmonics")
+    least, most = fitted.harmonics, most_harmonics(recording)
     if least >= most:
         return None
     values = _first_estimate(experiment, priors)
-    motion = fit.series.with_harmonics(most)
+    motion = fitted.with_harmonics(most)
     noise, exact = experiment.noise, PerturbedMachine.exact(robot)
     forces = exact.force_equations(experiment, motion, values, priors.free, noise.forces)
     lengths = length_equations(
@@ -78,8 +80,7 @@ def refine_motion(
     wanted = series.choose_number()
     if wanted == least or series.lengths_contradict(wanted):
         return None
-    whole, covariance = series.motion_with(wanted)
-    return MotionEstimate.of(robot, recording, whole, covariance)
+    return MotionEstimate.of(robot, recording, *series.motion_with(wanted))
 
 
 def weigh_signs(robot: Robot, experiment: Experiment, priors: ParameterPriors) -> Experiment:

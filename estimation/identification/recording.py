@@ -21,6 +21,7 @@ from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.channels import ChannelCheck, check_channels
 from estimation.estimators import Experiment, ParameterPriors, linear_estimate
+from estimation.estimators.experiment import MotionEstimate
 from estimation.identification.harmonics import recorded_noise, refine_motion, weigh_signs
 from estimation.identification.periods import (
     NoPeriodError,
@@ -132,12 +133,14 @@ def prepare_recording(
             f"is taken with {fit.motion.harmonics}"
         )
     experiment = Experiment.from_fit(robot, recording, noise, fit).without_lacking_terms(robot)
-    if held_out and fitted.linear is not None:
-        experiment = experiment.along_fit(robot, fitted.linear)
-    if not held_out:
+    if fitted.linear is not None:
+        known = fitted.linear
+        linear = MotionEstimate.of(robot, recording, known.motion, known.covariance)
+        experiment = replace(experiment, linear_motion=linear).of_robot(robot)
+    if held_out:
+        experiment = experiment.for_estimator("gm")
+    else:
         priors = ParameterPriors.of(robot, section)
-        if fitted.linear is not None:
-            experiment = experiment.with_linear_motion(robot, fitted.linear)
         experiment = weigh_signs(robot, experiment, priors)
         if fitted.fewest is not None:
             whole = refine_motion(robot, experiment, priors)

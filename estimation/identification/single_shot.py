@@ -18,7 +18,7 @@ from constraints.arrays import Array
 from estimation.estimators import Experiment, ParameterPriors
 from estimation.estimators.experiment import MotionEstimate
 from estimation.estimators.joint_equations import PerturbedMachine
-from estimation.kinematics import MotionFit, MotionFitError, converge, rate_spread
+from estimation.kinematics import MotionFit, MotionFitError, converge
 from estimation.measurement_model import Motion, SplineMotion
 from estimation.measurement_model.motion import NormalEquations, root_of_pseudo_inverse
 from estimation.measurement_model.spline import DEGREE, SplineSamples
@@ -274,7 +274,7 @@ def _joint_estimate(
     count, present = int(np.count_nonzero(free)), experiment
 
     def equations(motion: Motion, values: Array) -> NormalEquations:
-        joint = machine.joint_equations(present, motion, values, free)
+        joint = machine.joint_equations(present.for_estimator("ml"), motion, values, free)
         return joint + priors.equations(values)
 
     drawn = np.random.default_rng(0).standard_normal((count + motion.unknowns, _DRAWN))
@@ -298,12 +298,12 @@ def _joint_estimate(
         values, motion = next_values, next_motion
         inverse = sla.cho_solve((factor, True), np.eye(len(scale))[:, count:])[count:]
         covariance = inverse / np.multiply.outer(scale[count:], scale[count:])
-        spread = rate_spread(robot, motion, recording, covariance)
-        refined = MotionEstimate(motion, covariance, spread)
+        refined = MotionEstimate.of(robot, recording, motion, covariance)
         present = replace(present, refined_motion=refined)
         if present.noise.forces.includes_model_error:
             present = _weigh_signs(robot, present, present.noise.forces, values)
-            found = machine.forces(present, motion, values, slice(None))
+            along = present.for_estimator("ml")
+            found = machine.forces(along, motion, values, slice(None))
             own = autoregressive_noise(
                 recording.forces.values - found.values,
                 found.columns(free).times(errors / np.sqrt(_DRAWN)),

@@ -19,6 +19,7 @@ from estimation.estimators import (
     ParameterPriors,
     cramer_rao_covariance,
 )
+from estimation.estimators.experiment import MotionEstimate
 from estimation.identification.estimation import (
     parameter_priors,
     refuse_ml_without_fit,
@@ -30,7 +31,6 @@ from estimation.identification.recording import (
     prepare_experiment,
     with_stated_spectrum,
 )
-from estimation.kinematics import MotionFit
 from estimation.measurement_model import HarmonicMotion
 from estimation.montecarlo.result import (
     EstimatorStatistics,
@@ -56,7 +56,6 @@ from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import ComputationError, ConfigurationLike, RunConfiguration, load_run
 from expdesign.configuration.run import add_back_emf
 from expdesign.information.identifiable import IDENTIFIABLE
-from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import parameter_unit
 from expdesign.progress import report_progress
 from expdesign.robot import Robot, robot_from
@@ -315,20 +314,17 @@ class Workbench:
             measured, truth.executed.omega, PeriodSource.DESIGN, average=not free_frequency
         )
         motion = HarmonicMotion.of(truth.executed, free_frequency=free_frequency)
-        # The motion is known here: nothing of the fit but the motion itself is used.
-        known = MotionFit(
-            motion=motion,
-            covariance=np.zeros((motion.unknowns, motion.unknowns)),
-            residuals=np.zeros((recording.samples, ACTUATORS)),
-        )
         noise = NoiseModel(
             _known_noise(twin.force_noise, recording), _known_noise(twin.length_noise, recording)
         )
         values = truth.values_of(self.robot.parameter_names)
         robot = self.robot.with_load_at(values)
+        # The motion is known here: nothing of the fit but the motion itself is used.
+        covariance = np.zeros((motion.unknowns, motion.unknowns))
         spread = np.zeros((recording.samples, robot.graph.signs.numel()))
-        experiment = Experiment.along(robot, recording, noise, known, spread)
-        return cramer_rao_covariance(robot, [experiment], [motion], self.priors, values)
+        known = MotionEstimate(motion, covariance, spread)
+        experiment = Experiment.along(robot, recording, noise, known)
+        return cramer_rao_covariance(robot, [experiment], self.priors, values)
 
     def _outcomes(
         self, experiment: Experiment, wanted: tuple[str, ...]

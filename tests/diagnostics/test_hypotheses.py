@@ -11,7 +11,7 @@ from estimation.diagnostics.hypothesis import evaluate_hypothesis
 from estimation.diagnostics.joint_system import EffectProjection, joint_systems
 from estimation.diagnostics.linearisation import CandidateEffects, linearise
 from estimation.estimators import PerturbedMachine
-from estimation.estimators.experiment import Experiment, MotionEstimate
+from estimation.estimators.experiment import Experiment
 from estimation.kinematics import fit_motion
 from estimation.measurement_model.motion import NormalEquations
 from estimation.processing import NoiseModel, PeriodSource
@@ -86,10 +86,10 @@ def test_columns_along_a_motion_with_more_harmonics_than_the_lengths_show(lab):
     covariance = lab.noise.lengths.covariance
     more = fit_motion(lab.robot, fitted.recording, covariance, fitted.fit.motion.harmonics + 2)
     shown = Experiment.from_fit(lab.robot, fitted.recording, lab.noise, more)
-    known = MotionEstimate(more.motion, more.covariance, shown.spread)
+    along = replace(fitted, refined_motion=shown.fit).for_estimator("ml")
     values = lab.robot.parameters
     found = []
-    for experiment in (replace(fitted, refined_motion=known), shown):
+    for experiment in (along, shown):
         part = linearise(lab.robot, experiment, values, lab.knowledge.free, more.motion)
         suspects = CandidateEffects(lab.robot, experiment, more.motion, values, part)
         found.append(suspects.term("stribeck", velocity=0.05).forces)

@@ -18,6 +18,7 @@ from estimation.estimators import (
     linear_estimate,
     maximum_likelihood,
 )
+from estimation.estimators.experiment import MotionEstimate
 from estimation.estimators.result import covariance_fields
 from estimation.kinematics import _turn_information, fit_motion
 from estimation.measurement_model import HarmonicMotion
@@ -246,7 +247,8 @@ def disturbed(case, forces, lengths):
     fit = fit_motion(
         ROBOT, record, DELTA, 2, start=case.fit.motion, noise_filter=case.noise.lengths.filter
     )
-    return Experiment.along(ROBOT, record, case.noise, fit, case.spread)
+    known = MotionEstimate(fit.motion, fit.covariance, case.fit.spread)
+    return Experiment.along(ROBOT, record, case.noise, known)
 
 
 @pytest.mark.parametrize("filtered", [False, True])

@@ -225,7 +225,7 @@ def test_the_joint_covariance_is_that_of_all_noise(estimator, noise, memory, tol
 
 def _dense(experiment, estimator, memory, tolerance):
     """Return random and systematic share, and F⁻¹, by difference quotients, all samples at once."""
-    motion, robot, true = experiment.motion, case.machine(), np.array([PITCH, VELOCITY])
+    motion, robot, true = experiment.joint.motion, case.machine(), np.array([PITCH, VELOCITY])
     times, periods = experiment.recording.forces.times, experiment.recording.forces.counts[0]
     count, p = len(times), robot.parameters
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import statsmodels.api as sm
@@ -62,7 +64,7 @@ def test_the_share_of_the_kinematic_noise_is_how_estimates_move_with_the_motion(
     # Hardly any residual, whose part of the derivative has the mean zero and is not in B.
     case = experiment(force_scale=1e-3, length_scale=1e-3)
     inverse = np.linalg.inv(NOISE.force_covariance)
-    signs = case.signs(ROBOT, case.fit.motion)
+    signs = case.fit.signs(ROBOT, case.recording.forces.times)
 
     def estimates(step):
         moved = case.fit.motion.add_step(step)
@@ -86,7 +88,7 @@ def test_maximum_likelihood_equals_an_independent_least_squares():
     case = experiment()
     start = linear_estimate(ROBOT, [case], knowledge(), "gm")
     found = maximum_likelihood(ROBOT, [case], knowledge(), start)
-    signs = case.signs(ROBOT, found.motions[0])
+    signs = case.along_motion(found.motions[0]).signs(ROBOT, case.recording.forces.times)
     force_white = np.linalg.inv(np.linalg.cholesky(NOISE.force_covariance))
     length_white = np.linalg.inv(np.linalg.cholesky(NOISE.length_covariance))
     times = case.recording.forces.times
@@ -192,13 +194,9 @@ def test_parameters_that_nothing_excites_are_named():
     still = trajectory()
     slow = still.__class__(2 * np.pi / 1000, still.lambda0, still.mu * 1e-7, still.nu * 1e-7)
     case = experiment(0, MOTION)
-    frozen = Experiment.along(
-        ROBOT,
-        case.recording,
-        GIVEN,
-        case.fit.__class__(**{**vars(case.fit), "motion": HarmonicMotion.of(slow)}),
-        np.zeros((case.recording.samples, 18)),
-    )
+    spread = np.zeros((case.recording.samples, 18))
+    known = replace(case.fit, motion=HarmonicMotion.of(slow), spread=spread)
+    frozen = Experiment.along(ROBOT, case.recording, GIVEN, known)
     with pytest.raises(UnidentifiableError) as error:
         linear_estimate(ROBOT, [frozen], knowledge(), "gm")
     assert "p1" in error.value.names

@@ -103,12 +103,12 @@ def test_signs_are_as_uncertain_as_the_motion_of_forces_and_lengths(noise, force
         for motion in (refined.motion, HarmonicMotion.of(MOTION), experiment.fit.motion)
     )
     inside = slice(10, -10)
-    for rates, spread in ((found, refined.spread), (linear, experiment.spread)):
+    for rates, spread in ((found, refined.spread), (linear, experiment.fit.spread)):
         ratio = ((rates - true) / spread)[inside]
         assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.25)
-    assert np.median(refined.spread / experiment.spread) < (0.8 if forces < lengths else 1.0)
-    assert experiment.spread_along(experiment.fit.motion) is experiment.spread
-    assert experiment.spread_along(refined.motion.delay_by(0.0)) is refined.spread
+    assert np.median(refined.spread / experiment.fit.spread) < (0.8 if forces < lengths else 1.0)
+    assert experiment.for_estimator("gm").fit is experiment.fit
+    assert experiment.for_estimator("ml").fit is refined
 
 
 @pytest.mark.slow
