@@ -21,7 +21,7 @@ from estimation.diagnostics.diagnosis_result import (
 from estimation.diagnostics.finding import Finding
 from estimation.diagnostics.gain_drift import gain_drift
 from estimation.diagnostics.hypotheses import list_hypotheses
-from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult
+from estimation.diagnostics.hypothesis import HypothesisResult
 from estimation.diagnostics.joint_system import JointSystem, SolvedSystem, joint_systems
 from estimation.diagnostics.linearisation import (
     CandidateEffects,
@@ -399,14 +399,12 @@ def _tests(
         values, own = lengths
         length_size = chi_square(values, part.length_counts, own)
         length_whiteness = _whiteness(values, part.length_counts, own, level)
-    results, results_with_effects = (
-        {
-            kind: HypothesisResult.of(test, tests.conditional.freedom)
-            for kind, test in tests.families.items()
-        }
+    causes, causes_with_effects = (
+        tuple(
+            HypothesisResult.of(test, tests.conditional.freedom) for test in tests.families.values()
+        )
         for tests in (first, last)
     )
-    (delay,) = (hypothesis for hypothesis in attribution.hypotheses if hypothesis.kind == "delay")
     return RecordingTests(
         normality=noises.normality,
         drift=noises.drift,
@@ -426,11 +424,9 @@ def _tests(
                 first.scans, last.scans, attribution.best_forces, strict=True
             )
         ),
-        causes=tuple(results.values()),
-        causes_with_effects=tuple(results_with_effects.values()),
+        causes=causes,
+        causes_with_effects=causes_with_effects,
         gain_drift=gain_drift(experiment, part, GAIN_DRIFT / shares),
-        delay=DelayTest.of(results["delay"], delay),
-        delay_with_effects=DelayTest.of(results_with_effects["delay"], delay),
         whiteness=replace(
             noises.whiteness,
             force_residuals=_whiteness(rest, part.counts, rest_covariance, level),

@@ -8,7 +8,7 @@ from typing import Annotated
 from estimation.diagnostics.attribution import Attribution, Effect
 from estimation.diagnostics.finding import DiagnosisVerdict
 from estimation.diagnostics.gain_drift import GainDriftTest
-from estimation.diagnostics.hypothesis import DelayTest, HypothesisResult, PeriodicForce
+from estimation.diagnostics.hypothesis import HypothesisResult, PeriodicForce
 from estimation.diagnostics.noise_result import Histogram, NoiseCovariances, Quantiles
 from estimation.diagnostics.noise_tests import Drifts, Normalities, Normality, Whitenesses
 from estimation.diagnostics.reliability import CandidateReliability, UndetectedEffect
@@ -85,8 +85,6 @@ class RecordingTests:
     causes_with_effects: Annotated[
         tuple[HypothesisResult, ...], described("", "the same, given the effects found")
     ]
-    delay: Annotated[DelayTest, described("", "between forces and lengths")]
-    delay_with_effects: Annotated[DelayTest, described("", "the same, given the effects found")]
     gain_drift: Annotated[
         GainDriftTest, described("", "drift of the forces' gains between periods")
     ]

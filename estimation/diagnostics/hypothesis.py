@@ -36,7 +36,6 @@ from estimation.diagnostics.significance import (
     HYPOTHESES,
     POSITION_PERIODIC,
     POWER,
-    OmissibleTest,
     Strut,
     log_tail,
     noncentrality,
@@ -246,36 +245,6 @@ class HypothesisResult:
                 )
             )
         return cls(hypothesis.kind, POWER, hypothesis.level, test.tested, tuple(rows))
-
-    @property
-    def best(self) -> CandidateResult | None:
-        """Most significant candidate; None if none was tested."""
-        found = [each for each in self.candidates if np.isfinite(each.log_p)]
-        return min(found, key=lambda each: each.log_p, default=None)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class DelayTest(OmissibleTest):
-    """Lag of the forces behind the lengths, beyond the given delays."""
-
-    delay: Annotated[
-        OpenNumber, Field(alias="seconds"), described("s", "positive when the forces lag")
-    ] = np.nan
-    std: Annotated[OpenNumber, described("s", "standard deviation of the delay")] = np.nan
-    log_p: Annotated[
-        OpenNumber, described("1", "logarithm of p of no delay, corrected for the trials")
-    ] = np.nan
-    failed: Annotated[bool, described("", "the delay is significant")] = False
-
-    @classmethod
-    def of(cls, result: HypothesisResult, hypothesis: Hypothesis) -> Self:
-        """Build the result from the most significant secant."""
-        best = result.best
-        if best is None:
-            return cls(refused=hypothesis.reason_untested)
-        log_p = min(0.0, best.log_p + float(np.log(result.tested)))
-        delay, std = float(best.values[0]), float(best.std[0])
-        return cls(delay=delay, std=std, log_p=log_p, failed=best.failed)
 
 
 PERIODIC = Family(

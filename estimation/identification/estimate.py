@@ -219,7 +219,6 @@ def _estimator(estimation: Estimation, found: ParameterEstimate) -> EstimatorRes
         derived=tuple(estimated_quantities(estimation.robot, found, priors.regrouping)),
         payload=estimation.payloads.get(name),
         consistent=estimation.consistent[name],
-        combinations=estimation.combinations[name],
         base_parameters=priors.identified_combinations(
             estimation.robot, found.values, found.covariance
         ),

@@ -45,10 +45,9 @@ from estimation.measurement_model import SplineMotion
 from estimation.processing import PeriodSource
 from estimation.uncertainty.consistency import ConsistentEstimate, consistent_estimate
 from estimation.uncertainty.intervals import (
-    Combination,
+    ParameterRow,
     ParameterRow,
     difference_test,
-    identified_combinations,
     parameter_rows,
 )
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
@@ -154,11 +153,6 @@ def estimate_parameters(
         consistent = {
             name: consistent_estimate(robot, found, priors) for name, found in estimates.items()
         }
-        report_progress("identified parameters")
-        combinations = {
-            name: identified_combinations(robot, priors.names, result.values, result.covariance)
-            for name, result in estimates.items()
-        }
     rows = [row for found in estimates.values() for row in parameter_rows(robot, found, priors)]
     return Estimation(
         configuration=configuration,
@@ -167,7 +161,6 @@ def estimate_parameters(
         recordings=recordings,
         estimates=estimates,
         rows=tuple(rows),
-        combinations=combinations,
         consistent=consistent,
         bound=bound,
         selection=selection,
@@ -199,8 +192,6 @@ class Estimation:
     recordings: tuple[PreparedRecording, ...]
     estimates: dict[str, ParameterEstimate]
     rows: tuple[ParameterRow, ...]
-    combinations: dict[str, tuple[Combination, ...]]
-    """Known combinations of parameters that are not identified, by estimator."""
     consistent: dict[str, ConsistentEstimate | None]
     """The nearest physically consistent parameters, by estimator; None: fixed values or bounds
     exclude them."""

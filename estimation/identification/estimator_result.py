@@ -21,7 +21,7 @@ from estimation.estimators.result import (
     PayloadEstimate,
 )
 from estimation.uncertainty.consistency import ConsistentEstimate
-from estimation.uncertainty.intervals import Combination, interval_widths
+from estimation.uncertainty.intervals import interval_widths
 from expdesign.information.identifiable import KnownCombination
 from expdesign.mechanism.bodies import about_centre
 from expdesign.mechanism.terms import parameter_unit
@@ -308,9 +308,6 @@ class EstimatorResult(EstimateUncertainty):
     consistent: Annotated[
         ConsistentEstimate | None,
         described("", "the nearest physically consistent parameters; null: excluded by fixed ones"),
-    ]
-    combinations: Annotated[
-        tuple[Combination, ...], described("", "combinations of unidentified parameters")
     ]
     base_parameters: Annotated[
         tuple[KnownCombination, ...],

@@ -1,14 +1,13 @@
-"""Confidence intervals of parameters, and combinations of those that are not identified."""
+"""Confidence intervals of parameters, and tests of differences between estimates."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from pydantic import model_serializer
 
 from constraints.arrays import Array
 from estimation.estimators import ParameterEstimate, ParameterPriors
@@ -19,23 +18,6 @@ from expdesign.runfolder import MAY_BE_EMPTY, OpenNumber, described
 
 LEVEL = 0.95
 """Coverage of the intervals."""
-_DECIMALS = 9
-"""Largest number of decimals; smaller numbers are shown with an exponent."""
-
-
-def with_error(value: float, std: float) -> str:
-    """Format a value with two digits of its standard deviation.
-
-    Examples
-    --------
-    >>> with_error(0.96557, 0.00791)
-    '0.9656 ± 0.0079'
-    """
-    decimals = 1 - int(np.floor(np.log10(std))) if 0 < std < np.inf else _DECIMALS + 1
-    if decimals > _DECIMALS:
-        return f"{value:.6g} ± {std:.2g}"
-    shown = max(decimals, 0)
-    return f"{round(value, decimals):.{shown}f} ± {round(std, decimals):.{shown}f}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,69 +117,6 @@ def correlation(covariance: Array) -> Array:
     std = np.sqrt(np.diag(covariance))
     product = np.multiply.outer(std, std)
     return np.divide(covariance, product, out=np.zeros_like(covariance), where=product > 0)
-
-
-@dataclass(frozen=True)
-class Combination:
-    """Combination p_other + factor · p_weak, more precise than either parameter."""
-
-    weak: Annotated[str, described("", "the parameter that is not identified")]
-    other: Annotated[str, described("", "the parameter most correlated with it")]
-    factor: Annotated[float, described("SI", "in units of other per unit of weak")]
-    value: Annotated[float, described("SI", "value of the combination, in the unit of other")]
-    std: Annotated[float, described("SI", "standard deviation of the combination")]
-    correlation: Annotated[float, described("1", "of the two estimates")]
-    identified: Annotated[
-        bool, described("", "std of the combination is below half the scale of the other parameter")
-    ] = True
-
-    @property
-    def text(self) -> str:
-        """Description of the combination in words."""
-        sign = "+" if self.factor >= 0 else "−"
-        sum_ = f"{self.other} {sign} {abs(self.factor):.3g}·{self.weak}"
-        known = with_error(self.value, self.std)
-        if not self.identified:
-            return (
-                f"{self.weak} is not identified, not even in combination with {self.other}: "
-                f"{sum_} = {known}"
-            )
-        return f"{self.weak} is not identified; {sum_} is: {known}"
-
-    @model_serializer(mode="wrap")
-    def _in_a_file(self, fields: Any) -> dict[str, Any]:
-        return {**fields(self), "text": self.text}
-
-
-def identified_combinations(
-    robot: Robot, names: tuple[str, ...], values: Array, covariance: Array
-) -> tuple[Combination, ...]:
-    """Return the most precise combination for every parameter that is not identified.
-
-    The partner is the parameter with the largest correlation. The factor makes the combination
-    uncorrelated with the weak parameter, which minimises its variance.
-    """
-    scales, ratios, found = robot.scales, correlation(covariance), []
-    np.fill_diagonal(ratios, 0.0)
-    for k in np.flatnonzero(np.sqrt(np.diag(covariance)) >= IDENTIFIABLE * scales):
-        ratio = ratios[k]
-        j = int(np.argmax(np.abs(ratio)))
-        if ratio[j] == 0:
-            continue  # no other parameter is free or correlated
-        factor = -covariance[k, j] / covariance[k, k]
-        variance = covariance[j, j] * (1 - ratio[j] ** 2)
-        found.append(
-            Combination(
-                weak=names[k],
-                other=names[j],
-                factor=float(factor),
-                value=float(values[j] + factor * values[k]),
-                std=float(np.sqrt(max(variance, 0.0))),
-                correlation=float(ratio[j]),
-                identified=bool(variance < (IDENTIFIABLE * scales[j]) ** 2),
-            )
-        )
-    return tuple(found)
 
 
 FAMILY_LEVEL = 0.01

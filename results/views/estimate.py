@@ -185,10 +185,6 @@ def _parameter_blocks(
     free = {*result.parameters} - {*result.fixed}
     blocks += combination_blocks("estimate_combinations", together, free)
     blocks += consistency_blocks(result)
-    if not together and result.best_estimator.combinations:
-        weak = "; ".join(combination.text for combination in result.best_estimator.combinations)
-        text = f"Identified only in combination with others: {weak}."
-        blocks.append(TextBlock(text, Level.CAUTION, screen=True))
     return blocks
 
 

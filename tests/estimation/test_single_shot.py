@@ -85,8 +85,9 @@ def test_a_delay_is_found_without_a_period():
     verdict = found.diagnostics.verdict
     assert verdict.status == "doubtful"
     assert "lag behind the lengths" in verdict.causes[0].contradiction
-    delay = found.diagnostics.recordings[0].tests.delay
-    assert delay.delay == pytest.approx(steps * STEP, abs=4 * delay.std)
+    (delays,) = (e for e in found.diagnostics.recordings[0].tests.causes if e.kind == "delay")
+    delay = min(delays.candidates, key=lambda each: each.log_p)
+    assert delay.values[0] == pytest.approx(steps * STEP, abs=4 * delay.std[0])
     outcomes = {each.assumption: each.outcome for each in estimated().diagnostics.verdict.findings}
     assert outcomes["forces and lengths are sampled at the same time"] == "holds"
 
