@@ -33,14 +33,7 @@ from expdesign.trajectory import FourierKeys
 
 
 @dataclass(frozen=True)
-class OfEstimator:
-    """Base of the rows of one estimator."""
-
-    estimator: Annotated[str, described("", "ls, gm or ml")]
-
-
-@dataclass(frozen=True)
-class BudgetRow(OfEstimator):
+class BudgetRow:
     """Share of one group of tolerances in the variance of one parameter."""
 
     parameter: Annotated[str, described("", "name")]
@@ -51,7 +44,7 @@ class BudgetRow(OfEstimator):
 
 
 @dataclass(frozen=True)
-class DeviationRow(OfEstimator):
+class DeviationRow:
     """Tolerance and estimate of one deviation."""
 
     deviation: Annotated[str, described("", "name, such as base_joint_1_x")]
@@ -76,7 +69,7 @@ class DeviationRow(OfEstimator):
     ]
 
 
-def budget_rows(estimator: str, entry: EstimatorResult) -> Iterator[BudgetRow]:
+def budget_rows(entry: EstimatorResult) -> Iterator[BudgetRow]:
     """Yield the shares of every free parameter; none without tolerances."""
     groups = {} if entry.systematic is None else entry.systematic.groups
     if not groups:
@@ -88,22 +81,22 @@ def budget_rows(estimator: str, entry: EstimatorResult) -> Iterator[BudgetRow]:
         for source, std in {"noise": noise, **groups}.items():
             share = 100 * float(std[k] ** 2 / variance[k])
             unit = parameter_unit(names[k])
-            yield BudgetRow(estimator, names[k], unit, source, float(std[k]), share)
+            yield BudgetRow(names[k], unit, source, float(std[k]), share)
 
 
-def deviation_rows(estimator: str, entry: EstimatorResult) -> Iterator[DeviationRow]:
-    """Yield the rows of one estimator."""
+def deviation_rows(entry: EstimatorResult) -> Iterator[DeviationRow]:
+    """Yield the tolerances and estimates of all deviations."""
     for one in () if entry.systematic is None else entry.systematic.deviations:
         toleranced = 0 < one.tolerance < np.inf
         ratio = one.std / one.tolerance if toleranced else np.nan
         seen = toleranced and one.scatter > SEEN * one.tolerance
         z = one.value / one.scatter if seen else np.nan
         numbers = one.tolerance, one.value, one.std, ratio, z
-        yield DeviationRow(estimator, one.name, one.group, one.unit, *numbers)
+        yield DeviationRow(one.name, one.group, one.unit, *numbers)
 
 
 @dataclass(frozen=True)
-class ConsistentRow(OfEstimator):
+class ConsistentRow:
     """One parameter of an estimate and of the nearest physically consistent parameters."""
 
     parameter: Annotated[str, described("", "name")]
@@ -129,14 +122,13 @@ class ConsistentRow(OfEstimator):
     ]
 
 
-def consistent_rows(estimator: str, entry: EstimatorResult) -> Iterator[ConsistentRow]:
+def consistent_rows(entry: EstimatorResult) -> Iterator[ConsistentRow]:
     """Yield the rows of all parameters; none without consistent ones."""
     if (result := entry.consistent) is None:
         return
     std = np.where(entry.std > 0, entry.std, np.nan).tolist()
     for k, (name, value) in enumerate(entry.values.items()):
         yield ConsistentRow(
-            estimator=estimator,
             parameter=name,
             unit=parameter_unit(name),
             estimate=value,
@@ -164,21 +156,11 @@ class ConstantResult:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConstantRow(ConstantResult, OfEstimator):
-    """A row of `tables/constants.csv`."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class EstimatedQuantity(KnownQuantity):
     """A derived quantity with its 95 % interval."""
 
     ci_low: Annotated[OpenNumber, described("see unit", "lower end of the 95 % interval")]
     ci_high: Annotated[OpenNumber, described("see unit", "upper end of the 95 % interval")]
-
-
-@dataclass(frozen=True, kw_only=True)
-class DerivedRow(EstimatedQuantity, OfEstimator):
-    """A row of `tables/estimate_derived.csv`."""
 
 
 def estimated_quantities(
@@ -210,7 +192,7 @@ _UNITS_ABOUT_CENTRE = ("m",) * 3 + _UNITS[4:]
 
 
 @dataclass(frozen=True)
-class PayloadRow(OfEstimator):
+class PayloadRow:
     """One number of a payload by one estimator."""
 
     quantity: Annotated[
@@ -241,7 +223,7 @@ class PayloadRow(OfEstimator):
     ci_high: Annotated[OpenNumber, described("see unit", "upper end of the 95 % interval")]
 
 
-def payload_rows(estimator: str, entry: EstimatorResult) -> Iterator[PayloadRow]:
+def payload_rows(entry: EstimatorResult) -> Iterator[PayloadRow]:
     """Yield the ten parameters, then centre and inertia about it by the delta method."""
     if (result := entry.payload) is None:
         return
@@ -251,7 +233,7 @@ def payload_rows(estimator: str, entry: EstimatorResult) -> Iterator[PayloadRow]
         result.covariance_systematic,
     )
     widths = interval_widths(result.freedom)
-    yield from _rows(estimator, TEN, _UNITS, values, (covariance, systematic), widths)
+    yield from _rows(TEN, _UNITS, values, (covariance, systematic), widths)
     if values[0] > _SURE * np.sqrt(covariance[0, 0]):
         derived, slope = about_centre(values)
         shares = slope @ covariance @ slope.T, slope @ systematic @ slope.T
@@ -260,11 +242,10 @@ def payload_rows(estimator: str, entry: EstimatorResult) -> Iterator[PayloadRow]
         shares = (np.full((len(derived),) * 2, np.nan),) * 2
     # Functions of several parameters get the freedom of the least known one.
     least = np.full(len(derived), np.max(widths))
-    yield from _rows(estimator, ABOUT_CENTRE, _UNITS_ABOUT_CENTRE, derived, shares, least)
+    yield from _rows(ABOUT_CENTRE, _UNITS_ABOUT_CENTRE, derived, shares, least)
 
 
 def _rows(
-    estimator: str,
     names: tuple[str, ...],
     units: tuple[str, ...],
     values: Array,
@@ -282,7 +263,7 @@ def _rows(
         values + widths * std,
     )
     for name, unit, *numbers in zip(names, units, *(c.tolist() for c in columns), strict=True):
-        yield PayloadRow(estimator, name, unit, *numbers)
+        yield PayloadRow(name, unit, *numbers)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -325,8 +306,8 @@ class EstimatorResult(EstimateUncertainty):
 
 
 @dataclass(frozen=True)
-class PrecisionRow(OfEstimator):
-    """Shares of one standard deviation, and the Cramér–Rao bound."""
+class PrecisionRow:
+    """Shares of one standard deviation of one estimator, and the Cramér–Rao bound."""
 
     parameter: Annotated[str, described("", "name")]
     std: Annotated[float, described("SI", "standard deviation")]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import dataclass, fields
+from operator import attrgetter
 from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
@@ -15,11 +16,10 @@ from estimation.estimators.result import TEN
 from estimation.identification.estimator_result import (
     BudgetRow,
     ConsistentRow,
-    ConstantRow,
-    DerivedRow,
+    ConstantResult,
     DeviationRow,
+    EstimatedQuantity,
     EstimatorResult,
-    OfEstimator,
     PayloadRow,
     PrecisionRow,
     budget_rows,
@@ -59,6 +59,15 @@ from expdesign.runfolder.fields import (
 
 Row = TypeVar("Row")
 _ESTIMATOR = Column("estimator", "", "ls, gm or ml")
+_Rows = dict[str, tuple[Row, ...]]
+"""Rows by estimator; estimators without any are left out."""
+
+
+def _table(name: str, *, optional: bool = True) -> Table:
+    return Table(f"tables/{name}.csv", optional=optional, by=_ESTIMATOR)
+
+
+_RECORDING = Column("recording", "1", "number of the recording")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -113,21 +122,6 @@ class EstimatedRecording:
         float | None, described("s", "of the spline of a motion without a period; otherwise null")
     ] = None
     noise: Annotated[WeightingNoise, described("", "noise that the estimators weighted with")]
-
-
-@dataclass(frozen=True)
-class _OfRecording:
-    recording: Annotated[int, described("1", "number of the recording")]
-
-
-@dataclass(frozen=True)
-class NoiseRow(CovarianceRow, _OfRecording):
-    """One element of Σ or Δ of one recording."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class EstimatedCombination(KnownCombination, OfEstimator):
-    """A combination of parameters that the data identify."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,12 +310,12 @@ class EstimationResult(EstimateFile, StageResult):
         return {name: correlation(matrix) for name, matrix in self.covariances.items()}
 
     @property
-    def precision(self) -> Annotated[tuple[PrecisionRow, ...], Table("tables/precision.csv")]:
+    def precision(self) -> Annotated[_Rows[PrecisionRow], _table("precision", optional=False)]:
         """The shares of every standard deviation."""
         unknown = np.full(len(self.parameters), np.nan)
         bound = self.cramer_rao_covariance
-        rows = []
-        for estimator, entry in self.estimators.items():
+
+        def rows(entry: EstimatorResult) -> Iterator[PrecisionRow]:
             share = entry.covariance_kinematics
             columns = (
                 np.sqrt(np.diag(entry.covariance)),
@@ -329,76 +323,51 @@ class EstimationResult(EstimateFile, StageResult):
                 unknown if share is None else np.sqrt(np.maximum(np.diag(share), 0.0)),
                 unknown if bound is None else np.sqrt(np.diag(bound)),
             )
-            rows += [
-                PrecisionRow(estimator, name, *numbers)
-                for name, *numbers in zip(
-                    self.parameters, *(c.tolist() for c in columns), strict=True
-                )
-            ]
-        return tuple(rows)
+            for name, *numbers in zip(self.parameters, *(c.tolist() for c in columns), strict=True):
+                yield PrecisionRow(name, *numbers)
 
-    def _rows(self, of: Callable[[str, EstimatorResult], Iterable[Row]]) -> tuple[Row, ...]:
-        """Return the rows of all estimators."""
-        return tuple(row for name, entry in self.estimators.items() for row in of(name, entry))
+        return self._by_estimator(rows)
+
+    def _by_estimator(self, rows: Callable[[EstimatorResult], Iterable[Row]]) -> _Rows[Row]:
+        found = {name: tuple(rows(entry)) for name, entry in self.estimators.items()}
+        return {name: own for name, own in found.items() if own}
 
     @property
     def base_parameters(
         self,
-    ) -> Annotated[tuple[EstimatedCombination, ...], Table("tables/estimate_combinations.csv")]:
+    ) -> Annotated[_Rows[KnownCombination], _table("estimate_combinations", optional=False)]:
         """Identified combinations of every estimator."""
-        return self._rows(
-            lambda name, entry: (
-                EstimatedCombination(estimator=name, **asdict(row)) for row in entry.base_parameters
-            )
-        )
+        return self._by_estimator(attrgetter("base_parameters"))
 
     @property
-    def derived(
-        self,
-    ) -> Annotated[tuple[DerivedRow, ...], Table("tables/estimate_derived.csv", optional=True)]:
+    def derived(self) -> Annotated[_Rows[EstimatedQuantity], _table("estimate_derived")]:
         """Derived quantities of every estimator."""
-        return self._rows(
-            lambda name, entry: (DerivedRow(estimator=name, **asdict(row)) for row in entry.derived)
-        )
+        return self._by_estimator(attrgetter("derived"))
 
     @property
-    def budget(
-        self,
-    ) -> Annotated[tuple[BudgetRow, ...], Table("tables/budget.csv", optional=True)]:
+    def budget(self) -> Annotated[_Rows[BudgetRow], _table("budget")]:
         """Shares of every tolerance in every variance; empty without tolerances."""
-        return self._rows(budget_rows)
+        return self._by_estimator(budget_rows)
 
     @property
-    def deviations(
-        self,
-    ) -> Annotated[tuple[DeviationRow, ...], Table("tables/deviations.csv", optional=True)]:
+    def deviations(self) -> Annotated[_Rows[DeviationRow], _table("deviations")]:
         """Tolerances and estimates of all deviations; empty without tolerances."""
-        return self._rows(deviation_rows) if self.budget else ()
+        return self._by_estimator(deviation_rows) if self.budget else {}
 
     @property
-    def constants(
-        self,
-    ) -> Annotated[tuple[ConstantRow, ...], Table("tables/constants.csv", optional=True)]:
+    def constants(self) -> Annotated[_Rows[ConstantResult], _table("constants")]:
         """Estimated constants of terms; empty without any."""
-        return self._rows(
-            lambda name, entry: (
-                ConstantRow(estimator=name, **asdict(row)) for row in entry.constants
-            )
-        )
+        return self._by_estimator(attrgetter("constants"))
 
     @property
-    def payload(
-        self,
-    ) -> Annotated[tuple[PayloadRow, ...], Table("tables/payload.csv", optional=True)]:
+    def payload(self) -> Annotated[_Rows[PayloadRow], _table("payload")]:
         """The payload by every estimator; empty without a prior identification."""
-        return self._rows(payload_rows)
+        return self._by_estimator(payload_rows)
 
     @property
-    def consistent(
-        self,
-    ) -> Annotated[tuple[ConsistentRow, ...], Table("tables/consistent.csv", optional=True)]:
+    def consistent(self) -> Annotated[_Rows[ConsistentRow], _table("consistent")]:
         """Every estimate and the nearest physically consistent parameters."""
-        return self._rows(consistent_rows)
+        return self._by_estimator(consistent_rows)
 
     @property
     def selection_steps(
@@ -408,10 +377,11 @@ class EstimationResult(EstimateFile, StageResult):
         return () if self.selection is None else self.selection.steps
 
     @property
-    def noise(self) -> Annotated[tuple[NoiseRow, ...], Table("tables/noise.csv")]:
+    def noise(
+        self,
+    ) -> Annotated[dict[int, tuple[CovarianceRow, ...]], Table("tables/noise.csv", by=_RECORDING)]:
         """Σ and Δ of every recording, element by element."""
-        return tuple(
-            NoiseRow(number, *astuple(row))
+        return {
+            number: covariance_rows(recording.noise)
             for number, recording in enumerate(self.recordings, start=1)
-            for row in covariance_rows(recording.noise)
-        )
+        }

@@ -43,7 +43,7 @@ class Table(Place):
     The type of the field decides on the table: ``tuple[Row, ...]``, rows of a frozen dataclass of
     described fields (`RowTable`); a frozen dataclass of described arrays (`ArrayTable`). With
     `numbered` the field is a tuple of these, one table each, or a dict by position from 1 where
-    some have no file.
+    some have no file. With `by` a property is a mapping of rows, all in one table.
     """
 
     file: str
@@ -58,6 +58,8 @@ class Table(Place):
     """Write no file for an empty value or None, and read a missing file as such."""
     numbered: str = ""
     """Attribute with the numbers in the names of the files; None for a single one."""
+    by: Column | None = None
+    """Column with the keys of the mapping."""
     form: Callable[[Any], CsvFile[Any, Any]] | None = None
     """Function that returns the table of a result whose columns depend on its fields."""
 
@@ -94,13 +96,13 @@ class Table(Place):
         """Return the table of a type of field; that of the result where it has a `form`."""
         if self.form is not None and result is not None:
             return self.form(result)
-        if self.numbered:
+        if self.numbered or self.by:
             kind = _entry(kind)
         kind = _without_none(kind)
         if isinstance(kind, type) and dataclasses.is_dataclass(kind):
             return ArrayTable(self.file, written_by, kind, some=self.some is not False)
-        row = _entry(kind)
-        return RowTable(self.file, written_by, row, some=bool(self.some), rows_of=self.rows_of)
+        row, some = _entry(kind), bool(self.some)
+        return RowTable(self.file, written_by, row, some=some, rows_of=self.rows_of, by=self.by)
 
     def refuse_other_rows(
         self, result: Any, keys: object, kind: Any, rows: Sequence[Any] | None, folder: Path
@@ -116,7 +118,7 @@ class Table(Place):
 
 
 def _is_empty(value: Any) -> bool:
-    return value is None or (isinstance(value, Sequence) and not value)
+    return value is None or (isinstance(value, Sequence | Mapping) and not value)
 
 
 def _without_none(kind: Any) -> Any:

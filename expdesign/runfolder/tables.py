@@ -151,16 +151,24 @@ class RowTable(CsvFile[Iterable[Row], tuple[Row, ...]], Generic[Row]):
     """Refuse a table without rows."""
     rows_of: tuple[str, ...] = field(default=(), kw_only=True)
     """The fields that identify a row, compared by `refuse_other_rows`."""
+    by: Column | None = field(default=None, kw_only=True)
+    """First column, with the keys of a mapping of rows, which is written and not read."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """One for every field of the row."""
-        return tuple(column for _, columns in field_columns(self.row) for column in columns)
+        """One for every field of the row, after that of the keys."""
+        own = (column for _, columns in field_columns(self.row) for column in columns)
+        return (*((self.by,) if self.by else ()), *own)
 
-    def write(self, folder: Path, content: Iterable[Row]) -> list[Path]:
+    def write(self, folder: Path, content: Any) -> list[Path]:
         """Write the rows."""
         attributes = [name for name, _ in field_columns(self.row)]
-        cells = [[getattr(row, name) for name in attributes] for row in content]
+        blocks = {(key,): rows for key, rows in content.items()} if self.by else {(): content}
+        cells = [
+            [*key, *(getattr(row, name) for name in attributes)]
+            for key, rows in blocks.items()
+            for row in rows
+        ]
         return self.write_frame(folder, pd.DataFrame(cells, columns=list(self.names), dtype=object))
 
     def read(self, folder: Path) -> tuple[Row, ...]:

@@ -249,7 +249,7 @@ def budget_blocks(result: EstimationResult) -> list[Block]:
         if not result.intervals_cover:
             return []
         return [TextBlock(f"Intervals: {result.intervals_note}.", Level.NEUTRAL)]
-    rows = [row for row in result.budget if row.estimator == result.best]
+    rows = result.budget[result.best]
     sources = list(dict.fromkeys(row.source for row in rows))
     names = list(dict.fromkeys(row.parameter for row in rows))
     share = {(row.parameter, row.source): row.share_percent for row in rows}
@@ -279,7 +279,7 @@ def budget_blocks(result: EstimationResult) -> list[Block]:
         ReportTable.of("budget", caption, columns),
     ]
     if found.with_priors:
-        shown = [row for row in result.deviations if row.estimator == result.best]
+        shown = result.deviations[result.best]
         columns = [
             TableColumn("deviation", kind="text", of="deviation"),
             TableColumn("unit", kind="text", of="unit"),
@@ -305,7 +305,7 @@ def budget_blocks(result: EstimationResult) -> list[Block]:
 
 def constants_blocks(result: EstimationResult) -> list[Block]:
     """Return the table of estimated constants of terms; nothing without any."""
-    rows = [row for row in result.constants if row.estimator == result.best]
+    rows = result.best_estimator.constants
     if not rows:
         return []
     columns = [
@@ -334,7 +334,7 @@ def consistency_blocks(result: EstimationResult) -> list[Block]:
     blocks: list[Block] = [TextBlock(text, level, screen=found.significant)]
     if found.distance == 0:
         return blocks
-    rows = [row for row in result.consistent if row.estimator == result.best]
+    rows = result.consistent[result.best]
     shown = [row for row in rows if abs(row.moved) >= _MOVED or row.parameter in found.exchanged]
     columns = [
         TableColumn("parameter", kind="parameter", of="parameter"),
@@ -358,7 +358,7 @@ def payload_blocks(result: EstimationResult, truth: Mapping[str, float] | None) 
 
     `truth` are the payload's shares of the platform's parameters.
     """
-    rows = [row for row in result.payload if row.estimator == result.best]
+    rows = result.payload.get(result.best)
     if not rows:
         return []
     columns = [
@@ -368,10 +368,9 @@ def payload_blocks(result: EstimationResult, truth: Mapping[str, float] | None) 
         TableColumn("σ", kind="error", digits=3, of="std"),
         *INTERVAL,
     ]
-    for estimator in result.estimators:
+    for estimator, others in result.payload.items():
         if estimator != result.best:
-            own = {row.quantity: row for row in result.payload if row.estimator == estimator}
-            columns += _other_payload(estimator, own)
+            columns += _other_payload(estimator, {row.quantity: row for row in others})
     if any(row.std_systematic > 0 for row in rows):
         columns[4:4] = _SHARES
     if truth is not None:

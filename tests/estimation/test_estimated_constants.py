@@ -130,7 +130,7 @@ def test_what_is_written_of_them(tmp_path):
     record.write(tmp_path)
     again = EstimationResult.read(tmp_path)
     assert again.constants == record.constants
-    rows = {(row.estimator, row.constant): row for row in again.constants}
+    rows = {(name, row.constant): row for name, own in again.constants.items() for row in own}
     assert len(rows) == 4
     row = rows["ml", "cogging.pitch"]
     assert (row.unit, row.stated) == ("m", pytest.approx(1.02 * PITCH))

@@ -245,8 +245,8 @@ def test_forces_that_are_off_by_a_share_are_off_so_for_the_payload(loaded):
 def test_it_is_kept_and_read_again(loaded, tmp_path):
     estimation_result(loaded).write(tmp_path)
     rows = EstimationResult.read(tmp_path).payload
-    assert [row.quantity for row in rows[:10]] == list(TEN)
-    found = {row.quantity: row for row in rows if row.estimator == "gm"}
+    assert [row.quantity for row in rows["gm"][:10]] == list(TEN)
+    found = {row.quantity: row for row in rows["gm"]}
     best = loaded.payloads["gm"]
     assert found["mass"].value == best.vector[0]
     assert found["mass"].std == pytest.approx(np.sqrt(best.covariance[0, 0]))

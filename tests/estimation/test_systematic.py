@@ -247,7 +247,7 @@ def test_by_default_ml_estimates_the_deviations(chosen):
     for name, other in (("gm", budget), ("ml", asked)):
         np.testing.assert_array_equal(auto[name].values, other[name].values)
         np.testing.assert_array_equal(auto[name].covariance, other[name].covariance)
-    rows = [row for row in estimation_result(auto).deviations if row.estimator == "ml"]
+    rows = estimation_result(auto).deviations["ml"]
     assert all(row.ratio <= 1 + 1e-3 for row in rows)
     for row in rows:
         scatter = np.sqrt(max(row.tolerance**2 - row.std**2, 0.0))
