@@ -41,7 +41,7 @@ from estimation.identification.recording import (
     with_residual_noise,
 )
 from estimation.identification.term_selection import Selection
-from estimation.measurement_model import SplineMotion
+from estimation.measurement_model import Motion, SplineMotion
 from estimation.processing import PeriodSource
 from estimation.uncertainty.consistency import ConsistentEstimate, consistent_estimate
 from estimation.uncertainty.intervals import (
@@ -51,7 +51,7 @@ from estimation.uncertainty.intervals import (
     parameter_rows,
 )
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
-from expdesign.configuration.estimate import EstimateSection, SpectrumOrigin
+from expdesign.configuration.estimate import EstimateSection
 from expdesign.configuration.robot import RobotDescription
 from expdesign.configuration.run import add_terms
 from expdesign.configuration.tolerances import Identification
@@ -101,18 +101,17 @@ def estimate_parameters(
             )
         )
         _refuse_selection(section, data, recordings)
-        selection = Selection.of(configuration, robot, [r.experiment for r in recordings])
+        experiments: Sequence[Experiment] = [each.experiment for each in recordings]
+        selection = Selection.of(configuration, robot, experiments)
         if selection is not None and selection.chosen:
             configuration = add_terms(configuration, selection.added)
             robot = robot_from(configuration.robot)
             priors = parameter_priors(configuration, robot)
-            recordings = tuple(
-                replace(r, experiment=weigh_signs(robot, r.experiment.with_terms_of(robot), priors))
-                for r in recordings
-            )
-        recordings = _with_residual_noise(robot, recordings, priors, section.spectrum)
-        robot, experiments = linearise_at_load(robot, [r.experiment for r in recordings], priors)
-        recordings = _with_experiments(recordings, experiments)
+            experiments = [
+                weigh_signs(robot, each.with_terms_of(robot), priors) for each in experiments
+            ]
+        experiments = with_residual_noise(robot, experiments, priors, section.spectrum)
+        robot, experiments = linearise_at_load(robot, experiments, priors)
         report_progress("deviations of the machine")
         chosen = toleranced_deviations(robot) if section.systematic != "none" else ()
         joint = chosen if section.systematic in ("auto", "estimated") else ()
@@ -130,25 +129,18 @@ def estimate_parameters(
             # Diagnoses take the machine as estimated, along the estimated motions.
             robot = machine.robot
             recordings = tuple(
-                replace(
-                    prepare_recording(
-                        configuration,
-                        robot,
-                        apply_calibration(configuration, measurement, trajectory, machine),
-                        trajectory,
-                        estimated=motion,
-                    ),
-                    fewest_harmonics=recording.fewest_harmonics,
-                )
-                for recording, measurement, trajectory, motion in zip(
-                    recordings, data, designs, best.motions, strict=True
-                )
+                _prepare_again(configuration, machine, *each)
+                for each in zip(recordings, data, designs, best.motions, strict=True)
             )
-            recordings = _with_residual_noise(robot, recordings, priors, section.spectrum)
+            experiments = [each.experiment for each in recordings]
+            experiments = with_residual_noise(robot, experiments, priors, section.spectrum)
         elif machine.robot.delay_std:
             robot = machine.robot
-            later = [each.with_terms_of(robot) for each in experiments]
-            recordings = _with_experiments(recordings, later)
+            experiments = [each.with_terms_of(robot) for each in experiments]
+        recordings = tuple(
+            replace(recording, experiment=own)
+            for recording, own in zip(recordings, experiments, strict=True)
+        )
         report_progress("the nearest physically consistent parameters")
         consistent = {
             name: consistent_estimate(robot, found, priors) for name, found in estimates.items()
@@ -297,22 +289,18 @@ def add_systematic_uncertainty(
     return estimate.with_systematic(found)
 
 
-def _with_residual_noise(
-    robot: Robot,
-    recordings: tuple[PreparedRecording, ...],
-    priors: ParameterPriors,
-    origin: SpectrumOrigin,
-) -> tuple[PreparedRecording, ...]:
-    """Return the recordings with an unknown Σ estimated from Gauss–Markov residuals."""
-    experiments = [recording.experiment for recording in recordings]
-    return _with_experiments(recordings, with_residual_noise(robot, experiments, priors, origin))
-
-
-def _with_experiments(
-    recordings: tuple[PreparedRecording, ...], experiments: Sequence[Experiment]
-) -> tuple[PreparedRecording, ...]:
-    pairs = zip(recordings, experiments, strict=True)
-    return tuple(replace(recording, experiment=experiment) for recording, experiment in pairs)
+def _prepare_again(
+    configuration: RunConfiguration,
+    machine: PerturbedMachine,
+    before: PreparedRecording,
+    data: Measurement,
+    design: FourierTrajectory | None,
+    motion: Motion,
+) -> PreparedRecording:
+    """Return a recording of a machine as estimated, along its estimated motion."""
+    data = apply_calibration(configuration, data, design, machine)
+    found = prepare_recording(configuration, machine.robot, data, design, estimated=motion)
+    return replace(found, fewest_harmonics=before.fewest_harmonics)
 
 
 def _with_true_damping(
