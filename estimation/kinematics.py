@@ -38,8 +38,7 @@ from estimation.measurement_model.prediction import (
     sliding_kernel,
     sliding_rate_kernel,
 )
-from estimation.processing import PeriodicRecording
-from estimation.processing.spectrum import WhiteningFilter
+from estimation.processing import NoiseEstimate, PeriodicRecording
 from expdesign.configuration import ComputationError
 from expdesign.information.fisher import whitening
 from expdesign.mechanism.hexapod import COORDINATES
@@ -105,17 +104,15 @@ class MotionFit:
 def fit_motion(
     robot: Robot,
     recording: PeriodicRecording,
-    covariance: Array,
+    noise: NoiseEstimate,
     harmonics: int,
     *,
     start: HarmonicMotion | None = None,
     free_frequency: bool = False,
-    noise_filter: WhiteningFilter | None = None,
 ) -> MotionFit:
-    """Fit a motion with H harmonics to the measured lengths.
+    """Fit a motion with H harmonics to the measured lengths, weighted by their noise.
 
-    The covariance is Δ of one sample, (6, 6), m², after the whitening filter. By default the fit
-    starts from the forward kinematics of some samples.
+    By default the fit starts from the forward kinematics of some samples.
 
     Raises
     ------
@@ -128,15 +125,11 @@ def fit_motion(
         )
     first = start_motion(robot, recording, min(harmonics, 5)) if start is None else start
     motion = HarmonicMotion(first.table, recording.omega, free_frequency).with_harmonics(harmonics)
-    return converge(robot, recording, covariance, motion, noise_filter)
+    return converge(robot, recording, noise, motion)
 
 
 def converge(
-    robot: Robot,
-    recording: PeriodicRecording,
-    covariance: Array,
-    motion: Motion,
-    noise_filter: WhiteningFilter | None = None,
+    robot: Robot, recording: PeriodicRecording, noise: NoiseEstimate, motion: Motion
 ) -> MotionFit:
     """Fit the unknowns of a motion to the measured lengths, from their present values.
 
@@ -145,7 +138,7 @@ def converge(
     MotionFitError
         The samples do not determine the motion, or no motion has these lengths.
     """
-    present = length_equations(robot, recording, covariance, motion, noise_filter)
+    present = length_equations(robot, recording, noise, motion)
     for _ in range(_STEPS):
         try:
             step = np.asarray(sla.solve(present.matrix, present.gradient, assume_a="pos"))
@@ -154,7 +147,7 @@ def converge(
         decrement = float(step @ present.gradient)
         for halving in range(_HALVINGS):
             trial = motion.add_step(0.5**halving * step)
-            following = length_equations(robot, recording, covariance, trial, noise_filter)
+            following = length_equations(robot, recording, noise, trial)
             if following.cost <= present.cost * (1 + 1e-12):
                 motion, present = trial, following
                 break
@@ -196,19 +189,16 @@ def length_residuals(robot: Robot, recording: PeriodicRecording, motion: Motion)
 
 
 def length_equations(
-    robot: Robot,
-    recording: PeriodicRecording,
-    covariance: Array,
-    motion: Motion,
-    noise_filter: WhiteningFilter | None = None,
+    robot: Robot, recording: PeriodicRecording, noise: NoiseEstimate, motion: Motion
 ) -> NormalEquations:
-    """Return the normal equations of ξ from the lengths, whose covariance is Δ, (6, 6)."""
+    """Return the normal equations of ξ from the lengths."""
 
     def rows(part: slice) -> Rows:
         lengths, columns = length_columns(robot, motion.at(recording.lengths.times[part]))
         return recording.lengths.values[part] - lengths, columns, recording.lengths.counts[part]
 
-    return NormalEquations.of(map(rows, chunks(recording.samples)), covariance, noise_filter)
+    parts = map(rows, chunks(recording.samples))
+    return NormalEquations.of(parts, noise.covariance, noise.filter)
 
 
 def most_harmonics(recording: PeriodicRecording) -> int:
@@ -220,19 +210,18 @@ def most_harmonics(recording: PeriodicRecording) -> int:
 def choose_harmonics(
     robot: Robot,
     recording: PeriodicRecording,
-    covariance: Array,
+    noise: NoiseEstimate,
     least: int,
     *,
     expected: int | None = None,
     start: HarmonicMotion | None = None,
     free_frequency: bool = False,
-    noise_filter: WhiteningFilter | None = None,
 ) -> MotionFit:
     """Fit the motion with the harmonics that exceed the noise.
 
-    The motion has at least `least` harmonics, and the search begins at the expected number; the
-    covariance is Δ of one sample, (6, 6), m². If no motion of this machine has all harmonics of the
-    lengths, for example near a singular pose with wrong joints, the last one found is returned.
+    The motion has at least `least` harmonics, and the search begins at the expected number. If no
+    motion of this machine has all harmonics of the lengths, for example near a singular pose with
+    wrong joints, the last one found is returned.
 
     Raises
     ------
@@ -247,11 +236,10 @@ def choose_harmonics(
         return fit_motion(
             robot,
             recording,
-            covariance,
+            noise,
             count,
             start=begin,
             free_frequency=free_frequency,
-            noise_filter=noise_filter,
         )
 
     def begun(count: int) -> MotionFit:
@@ -272,9 +260,7 @@ def choose_harmonics(
         harmonics = fit.series.harmonics
         if harmonics >= most:
             break
-        found = np.flatnonzero(
-            _p_values(robot, recording, covariance, fit, most, noise_filter) < level
-        )
+        found = np.flatnonzero(_p_values(robot, recording, noise, fit, most) < level)
         if not len(found):
             break
         wanted = harmonics + int(found[-1]) + 1
@@ -302,15 +288,10 @@ def _highest_needed(fit: MotionFit, least: int, level: float) -> int:
 
 
 def _p_values(
-    robot: Robot,
-    recording: PeriodicRecording,
-    covariance: Array,
-    fit: MotionFit,
-    most: int,
-    noise_filter: WhiteningFilter | None,
+    robot: Robot, recording: PeriodicRecording, noise: NoiseEstimate, fit: MotionFit, most: int
 ) -> Array:
     """Return the p-value of each harmonic above the fit's, tested on the fit's residuals."""
-    white, motion = whitening(covariance), fit.series
+    white, motion, noise_filter = whitening(noise.covariance), fit.series, noise.filter
     rows = np.arange(recording.samples)
     if not recording.averaged:
         # Evenly in phase, so that no harmonic is an alias of another.

@@ -46,7 +46,6 @@ from estimation.processing import PeriodSource
 from estimation.uncertainty.consistency import ConsistentEstimate, consistent_estimate
 from estimation.uncertainty.intervals import (
     ParameterRow,
-    ParameterRow,
     difference_test,
     parameter_rows,
 )

@@ -72,9 +72,7 @@ def refine_motion(
     motion = fitted.with_harmonics(most)
     noise, exact = experiment.noise, PerturbedMachine.exact(robot)
     forces = exact.force_equations(experiment, motion, values, priors.free, noise.forces)
-    lengths = length_equations(
-        robot, recording, noise.lengths.covariance, motion, noise.lengths.filter
-    )
+    lengths = length_equations(robot, recording, noise.lengths, motion)
     joint = forces.with_motion(lengths) + priors.equations(values)
     series = _Series(least, motion, priors, joint, lengths)
     wanted = series.choose_number()
@@ -111,7 +109,7 @@ def with_raised_harmonics(
     if wanted == least:
         return experiment
     motion, own = motion.with_harmonics(wanted), machine.robot
-    there = length_equations(own, recording, noise.lengths.covariance, motion, noise.lengths.filter)
+    there = length_equations(own, recording, noise.lengths, motion)
     refined = MotionEstimate.of(own, recording, motion, invert_covariance(there.matrix))
     return replace(experiment, refined_motion=refined).with_sign_variance(own, values)
 

@@ -51,7 +51,7 @@ from estimation.processing import (
     single_recording,
 )
 from estimation.processing.noise import ENOUGH_FREEDOM
-from estimation.processing.spectrum import NoiseLines, WhiteningFilter, given_filter
+from estimation.processing.spectrum import NoiseLines, given_filter
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.estimate import SpectrumOrigin
 from expdesign.noise import NoiseSpectrum
@@ -279,6 +279,7 @@ def _fit_motion(
     start = estimated or _start(robot, recording, design, expected)
     least, scarce = 1 if design is None else expected, ""
     given = section.harmonics if estimated is None else estimated.harmonics
+    free = section.frequency == "estimated"
     fitting: Callable[..., MotionFit]
     if estimated is not None:
         fitting = _fit_near
@@ -300,23 +301,16 @@ def _fit_motion(
     # An unknown Δ comes from the fit that it weights: a few iterations settle both.
     rounds = _RESIDUAL_ROUNDS if noise.lengths.includes_model_error else 1
     for remaining in reversed(range(rounds)):
-        fitted = partial(
-            fitting,
-            robot,
-            recording,
-            noise.lengths.covariance,
-            start=start,
-            free_frequency=section.frequency == "estimated",
-        )
+        options: dict[str, Any] = {"start": start, "free_frequency": free}
         try:
-            fit = fitted(noise_filter=noise.lengths.filter)
+            fit = fitting(robot, recording, noise.lengths, **options)
         except NoMotionFoundError:
             if noise.lengths.filter is None:
                 raise
             # Deviations that repeat in no period, as with a wrong clock, are not noise: their
             # spectrum is no weight.
             noise = noise.as_white()
-            fit = fitted()
+            fit = fitting(robot, recording, noise.lengths, **options)
         if noise.lengths.includes_model_error:
             lengths = recording.lengths
             rest = lengths.as_recorded(fit.residuals)
@@ -326,7 +320,6 @@ def _fit_motion(
             start = fit.series
     linear = None
     if given is None and fewest < least <= fit.series.harmonics:
-        free = section.frequency == "estimated"
         linear = _fit_lengths(robot, recording, noise.lengths, fit, fewest, expected, free=free)
     tried = None if given else min(least, fit.series.harmonics)
     return _FittedMotion(noise, fit, linear, tried, scarce)
@@ -348,15 +341,14 @@ def _fit_lengths(
         found = choose_harmonics(
             robot,
             recording,
-            noise.covariance,
+            noise,
             fewest,
             expected=expected,
             start=shorter,
             free_frequency=free,
-            noise_filter=noise.filter,
         )
     except NoMotionFoundError:
-        there = length_equations(robot, recording, noise.covariance, shorter, noise.filter)
+        there = length_equations(robot, recording, noise, shorter)
         return MotionFit.of(robot, recording, shorter, there)
     return found if found.series.harmonics < fit.series.harmonics else None
 
@@ -364,32 +356,31 @@ def _fit_lengths(
 def _fit_near(
     robot: Robot,
     recording: PeriodicRecording,
-    covariance: Array,
+    noise: NoiseEstimate,
     *,
     start: HarmonicMotion,
-    noise_filter: WhiteningFilter | None = None,
-    **options: Any,
+    free_frequency: bool,
 ) -> MotionFit:
     """Fit a motion near an estimated one; without success, as after ML without, return this one."""
-    options |= {"start": start, "noise_filter": noise_filter}
+    options: dict[str, Any] = {"start": start, "free_frequency": free_frequency}
     try:
-        return fit_motion(robot, recording, covariance, start.harmonics, **options)
+        return fit_motion(robot, recording, noise, start.harmonics, **options)
     except NoMotionFoundError:
-        there = length_equations(robot, recording, covariance, start, noise_filter)
+        there = length_equations(robot, recording, noise, start)
         return MotionFit.of(robot, recording, start, there)
 
 
 def _choose_motion(
     robot: Robot,
     recording: PeriodicRecording,
-    covariance: Array,
+    noise: NoiseEstimate,
     *,
     fewest: int,
     least: int,
     **options: Any,
 ) -> MotionFit:
     """Fit a motion with at least `least` harmonics, or with the fewest if there is none."""
-    choose = partial(choose_harmonics, robot, recording, covariance, **options)
+    choose = partial(choose_harmonics, robot, recording, noise, **options)
     try:
         return choose(least=least)
     except NoMotionFoundError:
@@ -408,11 +399,8 @@ def _raised_harmonics(
 ) -> int:
     """Return the harmonics of the motion, with those that the robot's tolerances can raise."""
     if design is None:
-        expected = start.harmonics
-        covariance = noise.lengths.covariance
-        start = choose_harmonics(
-            robot, recording, covariance, 1, expected=expected, start=start
-        ).series
+        white, expected = noise.lengths.as_white(), start.harmonics
+        start = choose_harmonics(robot, recording, white, 1, expected=expected, start=start).series
 
     return raised_harmonics(robot, start.trajectory, recorded_noise(recording, noise))
 

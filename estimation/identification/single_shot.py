@@ -73,13 +73,12 @@ def fit_spline(
     """
     smooth = smooth_channels(recording.lengths.times, recording.lengths.values)
     motion = _first_motion(robot, smooth)
-    covariance = smooth.scatter.covariance if noise is None else noise.covariance
-    fit = converge(robot, recording, covariance, motion)
+    fit = converge(robot, recording, smooth.scatter if noise is None else noise.as_white(), motion)
     if noise is not None:
         return fit, noise
     freedom = len(fit.residuals) - len(fit.covariance) / fit.residuals.shape[1]
     own = NoiseEstimate(fit.residuals.T @ fit.residuals / freedom, freedom, "residuals")
-    return converge(robot, recording, own.covariance, fit.motion), own
+    return converge(robot, recording, own, fit.motion), own
 
 
 @dataclass(frozen=True, eq=False)

@@ -84,7 +84,7 @@ class Laboratory:
         record = fold_recording(data, self.trajectory.omega, PeriodSource.DESIGN)
         model = noise if noise is not None else estimated(record)
         start = HarmonicMotion.of(self.trajectory)
-        fit = fit_motion(self.robot, record, model.lengths.covariance, HARMONICS, start=start)
+        fit = fit_motion(self.robot, record, model.lengths.as_white(), HARMONICS, start=start)
         return Experiment.from_fit(self.robot, record, model, fit)
 
     def pointwise(self, data):

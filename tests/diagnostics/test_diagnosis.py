@@ -179,7 +179,7 @@ def test_motion_with_too_few_harmonics_is_noticed(laboratory):
 
     record = fold_recording(laboratory.measure(1), laboratory.trajectory.omega, PeriodSource.DESIGN)
     start = HarmonicMotion.of(laboratory.trajectory)
-    fit = fit_motion(laboratory.robot, record, laboratory.noise.lengths.covariance, 2, start=start)
+    fit = fit_motion(laboratory.robot, record, laboratory.noise.lengths, 2, start=start)
     experiment = Experiment.from_fit(laboratory.robot, record, laboratory.noise, fit)
     result = _diagnose(laboratory, [experiment], laboratory.estimate([experiment]))
     failed = [

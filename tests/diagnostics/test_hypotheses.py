@@ -83,8 +83,8 @@ def test_columns_are_those_of_the_term_at_the_estimate(suspects, palida, name, c
 def test_columns_along_a_motion_with_more_harmonics_than_the_lengths_show(lab):
     """They are those of an experiment whose lengths do show them."""
     fitted = lab.experiment(lab.measure(1), lab.noise)
-    covariance = lab.noise.lengths.covariance
-    more = fit_motion(lab.robot, fitted.recording, covariance, fitted.fit.motion.harmonics + 2)
+    count = fitted.fit.motion.harmonics + 2
+    more = fit_motion(lab.robot, fitted.recording, lab.noise.lengths, count)
     shown = Experiment.from_fit(lab.robot, fitted.recording, lab.noise, more)
     along = replace(fitted, refined_motion=shown.fit).for_estimator("ml")
     values = lab.robot.parameters

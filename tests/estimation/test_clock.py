@@ -6,7 +6,7 @@ import pytest
 from estimation.identification.periods import clock_error
 from estimation.kinematics import fit_motion
 from estimation.measurement_model import HarmonicMotion
-from estimation.processing import PeriodSource, fold_recording
+from estimation.processing import NoiseEstimate, PeriodSource, fold_recording
 from tests.estimation.cases import ROBOT, measured, trajectory
 
 PRECISE = 0.02
@@ -21,7 +21,9 @@ def found(seed, periods):
     data = measured(motion, seed, periods=periods, length_scale=PRECISE)
     data = dataclasses.replace(data, time=data.time / (1 + OFF), step=data.step / (1 + OFF))
     record = fold_recording(data, motion.omega, PeriodSource.DESIGN, average=False)
-    fit = fit_motion(ROBOT, record, DELTA, 2, start=HarmonicMotion.of(motion))
+    fit = fit_motion(
+        ROBOT, record, NoiseEstimate(DELTA, np.inf, "given"), 2, start=HarmonicMotion.of(motion)
+    )
     return clock_error(ROBOT, record, fit.motion, DELTA)
 
 

@@ -227,7 +227,7 @@ def experiment(memory=0.0, *, filtered=False, scale=1.0, longer=1.0, gliding=Fal
     noise = NoiseModel(*noises)
     start = HarmonicMotion.of(MOTION)
     own = noise.lengths
-    fit = fit_motion(ROBOT, record, own.covariance, 2, start=start, noise_filter=own.filter)
+    fit = fit_motion(ROBOT, record, own, 2, start=start)
     return Experiment.from_fit(ROBOT, record, noise, fit)
 
 
@@ -244,9 +244,7 @@ def disturbed(case, forces, lengths):
         forces=replace(record.forces, values=record.forces.values + forces),
         lengths=replace(record.lengths, values=record.lengths.values + lengths),
     )
-    fit = fit_motion(
-        ROBOT, record, DELTA, 2, start=case.fit.motion, noise_filter=case.noise.lengths.filter
-    )
+    fit = fit_motion(ROBOT, record, case.noise.lengths, 2, start=case.fit.motion)
     known = MotionEstimate(fit.motion, fit.covariance, case.fit.spread)
     return Experiment.along(ROBOT, record, case.noise, known)
 
@@ -311,7 +309,7 @@ def test_weights_that_lose_something_are_no_colour():
     lines = NoiseLines(flat, record.samples, np.inf)
     forces = NoiseEstimate(SIGMA, np.inf, lines=lines, filter=weights)
     noise = replace(NoiseModel.given(SIGMA, DELTA), forces=forces)
-    fit = fit_motion(ROBOT, record, DELTA, 2)
+    fit = fit_motion(ROBOT, record, noise.lengths, 2)
     experiment = Experiment.from_fit(ROBOT, record, noise, fit)
     found = linear_estimate(ROBOT, [experiment], KNOWN, "gm")
     np.testing.assert_allclose(found.colour, 1.0, rtol=1e-6)

@@ -33,7 +33,7 @@ def knowledge(**section):
 def experiment(seed=0, motion=MOTION, noise=GIVEN, **options):
     record = fold_recording(measured(motion, seed, **options), motion.omega, PeriodSource.DESIGN)
     start = HarmonicMotion.of(motion)
-    fit = fit_motion(ROBOT, record, noise.lengths.covariance, 2, start=start)
+    fit = fit_motion(ROBOT, record, noise.lengths, 2, start=start)
     return Experiment.from_fit(ROBOT, record, noise, fit)
 
 

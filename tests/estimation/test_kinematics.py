@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import erf
@@ -12,10 +14,11 @@ from estimation.kinematics import (
     rate_spread,
 )
 from estimation.measurement_model import HarmonicMotion
-from estimation.processing import PeriodSource, fold_recording
+from estimation.processing import NoiseEstimate, PeriodSource, fold_recording
 from tests.estimation.cases import ROBOT, measured, trajectory
 
 DELTA = ROBOT.description.noise.length_covariance
+NOISE = NoiseEstimate(DELTA, np.inf, "given")
 
 
 def record_of(motion, seed=0, **options):
@@ -24,7 +27,7 @@ def record_of(motion, seed=0, **options):
 
 def test_noise_free_lengths_give_the_motion_back():
     motion = trajectory()
-    fit = fit_motion(ROBOT, record_of(motion, length_scale=0), DELTA, 2)
+    fit = fit_motion(ROBOT, record_of(motion, length_scale=0), NOISE, 2)
     np.testing.assert_allclose(fit.motion.table, HarmonicMotion.of(motion).table, atol=1e-10)
 
 
@@ -36,7 +39,7 @@ def test_the_fit_spreads_as_its_covariance_says():
     weights = np.linalg.inv(DELTA)
     for seed in range(60):
         record = record_of(motion, seed)
-        fit = fit_motion(ROBOT, record, DELTA, 2, start=true)
+        fit = fit_motion(ROBOT, record, NOISE, 2, start=true)
         offs.append((fit.motion.table - true.table).ravel())
         rest, freedom = fit.residuals, fit.residuals.size - len(fit.covariance)
         chi_square = np.einsum("s,si,ij,sj->", record.lengths.counts, rest, weights, rest)
@@ -50,8 +53,8 @@ def test_the_fit_spreads_as_its_covariance_says():
 def test_a_fit_from_the_data_alone_equals_one_from_the_design():
     motion = trajectory()
     record = record_of(motion)
-    own = fit_motion(ROBOT, record, DELTA, 2)
-    helped = fit_motion(ROBOT, record, DELTA, 2, start=HarmonicMotion.of(motion))
+    own = fit_motion(ROBOT, record, NOISE, 2)
+    helped = fit_motion(ROBOT, record, NOISE, 2, start=HarmonicMotion.of(motion))
     np.testing.assert_allclose(own.motion.table, helped.motion.table, atol=1e-9)
 
 
@@ -61,7 +64,7 @@ def test_a_free_frequency_is_found_with_its_uncertainty():
     for seed in range(30):
         data = measured(motion, seed)
         record = fold_recording(data, motion.omega * (1 + 1e-5), PeriodSource.DESIGN, average=False)
-        fit = fit_motion(ROBOT, record, DELTA, 2, free_frequency=True)
+        fit = fit_motion(ROBOT, record, NOISE, 2, free_frequency=True)
         error = np.sqrt(fit.covariance[-1, -1])
         scores.append((fit.motion.omega - motion.omega) / error)
     assert abs(np.mean(scores)) < 0.6
@@ -75,9 +78,9 @@ def test_harmonics_are_chosen_from_the_data():
     disturbed = table.trajectory
     right = 0
     for seed in range(20):
-        plain = choose_harmonics(ROBOT, record_of(base, seed), DELTA, 2)
+        plain = choose_harmonics(ROBOT, record_of(base, seed), NOISE, 2)
         right += plain.motion.harmonics == 2
-        found = choose_harmonics(ROBOT, record_of(disturbed, seed), DELTA, 2)
+        found = choose_harmonics(ROBOT, record_of(disturbed, seed), NOISE, 2)
         assert found.motion.harmonics == 6
     # One in a thousand is found by chance.
     assert right >= 19
@@ -85,7 +88,7 @@ def test_harmonics_are_chosen_from_the_data():
 
 def test_more_harmonics_than_samples_are_refused():
     with pytest.raises(MotionFitError, match="150 harmonics need 301 samples"):
-        fit_motion(ROBOT, record_of(trajectory()), DELTA, 150)
+        fit_motion(ROBOT, record_of(trajectory()), NOISE, 150)
 
 
 def test_central_differences_of_clean_lengths():
@@ -130,7 +133,7 @@ def test_stamped_data_are_not_differentiated_point_by_point():
 def test_expected_signs_are_the_mean_of_the_signs_of_drawn_motions():
     motion = trajectory()
     record = record_of(motion, length_scale=30)
-    fit = fit_motion(ROBOT, record, 900 * DELTA, 2)
+    fit = fit_motion(ROBOT, record, replace(NOISE, covariance=900 * DELTA), 2)
     times = record.forces.times
     spread = rate_spread(ROBOT, fit.motion, record, fit.covariance)
     expected = expected_signs(ROBOT, fit.motion, times, spread)
