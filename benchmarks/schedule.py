@@ -1,9 +1,10 @@
 """Searches of PaLiDA on 1 to 64 workers: their schedule with measured times of the jobs.
 
 The search runs once in this process, where the processor time of every job is taken. Its decisions
-and the same results then follow the clock of a simulated machine with any number of cores; the
-proof runs again each time, in as many parts as that machine would have. On the cores of this one
-the search runs again, to compare.
+and the same results then follow the clock of a simulated machine with any number of cores; a proof
+that is not done ahead runs again each time, in as many parts as that machine would have. Jobs ahead
+whose results are not used take the median time of their kind. On the cores of this machine the
+search runs again, to compare.
 """
 
 from __future__ import annotations
@@ -11,9 +12,10 @@ from __future__ import annotations
 import heapq
 import itertools
 import os
+import statistics
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -26,14 +28,17 @@ from expdesign.experiment.setup import plan_search
 from expdesign.solver import search as searching
 from expdesign.solver.starts import SearchPlan
 from expdesign.workers import Job, JobRunner, Monitor
+from expdesign.workers.ahead import Foresee
 
 TITLE = "Search on many workers"
 SECTIONS = {"normal": 1, "thorough": 1}
 """Number of seeds by effort."""
 WORKERS = (1, 2, 4, 8, 16, 32, 64)
 
-Timed = dict[tuple[str, str, int], tuple[Any, float]]
-"""Result and seconds of jobs by name, function and, for a finish, number of its start."""
+Key = tuple[str, int, bytes]
+"""Function of a job, number and variables of its start."""
+Timed = dict[Key, tuple[Any, float]]
+"""Result and seconds of jobs."""
 
 
 def rows(section: str, repetitions: int | None = None) -> Iterator[dict[str, Any]]:
@@ -63,9 +68,8 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[dict[str, Any
                 "simulated seconds": round(simulated.now, 2),
                 "measured seconds": round(real[workers], 2) if workers in real else "",
                 "times faster": round(first / simulated.now, 1),
-                "seconds until the finish": round(simulated.ends[-3], 2),
-                "seconds of the finish": round(simulated.ends[-2] - simulated.ends[-3], 2),
-                "seconds of the proof": round(simulated.ends[-1] - simulated.ends[-2], 2),
+                "seconds until the finish": round(simulated.began["polish_start"], 2),
+                "seconds until the proof": round(simulated.began["prove_limits"], 2),
             }
 
 
@@ -87,8 +91,9 @@ def _search(
     return time.perf_counter() - began, found
 
 
-def _key(job: Job) -> tuple[str, str, int]:
-    return job.name, job.function.__name__, job.arguments[0].index
+def _key(job: Job) -> Key:
+    start = job.arguments[0]
+    return job.function.__name__, start.index, start.variables.tobytes()
 
 
 class _TimingRunner(JobRunner):
@@ -104,16 +109,18 @@ class _TimingRunner(JobRunner):
         monitor: Monitor,
         *,
         after_stop: bool = False,
-        then: Callable[[Any], Job | None] = lambda _result: None,
+        then: Callable[[Any], Job | None] | None = None,
+        foresee: Foresee | None = None,
     ) -> Iterator[Any]:
         """Yield the results of jobs in their order."""
+        del foresee
         waiting = deque(jobs)
         while waiting:
             job = waiting.popleft()
             before = self.cpu_seconds
             (result,) = super().run([job], monitor, after_stop=after_stop)
             self._timed[_key(job)] = result, self.cpu_seconds - before
-            following = then(result)
+            following = then(result) if then else None
             if following is not None:
                 waiting.append(following)
             yield result
@@ -126,36 +133,74 @@ class _SimulatedRunner:
     ----------
     now : float
         Time of that clock, s.
-    ends : list of float
-        Times at which lists of jobs were done, s.
+    began : dict
+        Times at which required jobs of a function began last, s.
     """
 
     cpu_seconds, lost = 0.0, None
 
     def __init__(self, timed: Timed, workers: int) -> None:
         self._timed, self._workers = timed, workers
-        self.now, self.ends = 0.0, list[float]()
+        self.now, self.began = 0.0, dict[str, float]()
+        self._ahead: dict[Key, float] = {}
+        """Times at which the jobs ahead end."""
+        self._begun, self._known = set[Key](), dict[Key, Any]()
         self._leading: Any = None
         """What the job in this process has built; None: there is none."""
-        self._spent = 0.0
+        self._mark, self._companions = 0.0, 0.0
+        """Processor time up to which the clock has run, and the end of the companions, s."""
 
-    def run_here(self, built: Any, job: Job, monitor: Monitor) -> Any:
-        """Run a job whose own jobs follow the clock, and add its processor time to it."""
-        self._leading, self._spent, began = built, 0.0, time.process_time()
-        result = job.function(built, monitor, *job.arguments)
-        self.now += time.process_time() - began - self._spent
-        self._leading = None
-        self.ends.append(self.now)
-        return result
+    def lead(
+        self, built: Any, job: Job, monitor: Monitor, companions: Sequence[Job], foresee: Foresee
+    ) -> None:
+        """Run a job whose own jobs follow the clock, while workers do others."""
+        keys = [_key(one) for one in companions]
+        ends = [self._ahead.get(key, self.now + self._seconds(key)) for key in keys]
+        self._ahead, self._companions = {}, max(ends, default=self.now)
+        self._known.update({key: self._timed[key][0] for key in keys if key in self._timed})
+        if _key(job) in map(_key, foresee(self.known, True)):
+            self.began[job.function.__name__] = self.now
+            self._leading, self._mark = built, time.process_time()
+            self._known[_key(job)] = job.function(built, monitor, *job.arguments)
+            self._take_own_time()
+            self._leading = None
+        self.now = max(self.now, self._companions)
+
+    def _seconds(self, key: Key) -> float:
+        """Return the time of a job; if its result is not used, the median one of its function."""
+        alike = (seconds for one, (_, seconds) in self._timed.items() if one[0] == key[0])
+        return self._timed[key][1] if key in self._timed else statistics.median(alike)
+
+    def _take_own_time(self) -> None:
+        """Add the processor time of the job in this process to the clock."""
+        now = time.process_time()
+        self.now, self._mark = self.now + now - self._mark, now
+
+    @property
+    def free(self) -> int:
+        """Number of workers without a job of `lead`."""
+        self._take_own_time()
+        return self._workers - (self._companions > self.now)
+
+    def knows(self, job: Job) -> bool:
+        """Return whether a job is done or under way, ahead."""
+        return _key(job) in self._begun | self._known.keys()
+
+    def known(self, job: Job) -> Any:
+        """Return the result of a job, or None."""
+        return self._known.get(_key(job))
+
+    def close(self) -> None:
+        """End the jobs ahead."""
+        self._ahead.clear()
 
     def _result(self, job: Job) -> tuple[Any, float]:
         """Return the known result of a job and its seconds; a part of the proof is computed."""
         if self._leading is None:
             return self._timed[_key(job)]
-        began = time.process_time()
         result = job.function(self._leading, Monitor(), *job.arguments)
-        seconds = time.process_time() - began
-        self._spent += seconds
+        now = time.process_time()
+        seconds, self._mark = now - self._mark, now
         return result, seconds
 
     def run(
@@ -164,30 +209,77 @@ class _SimulatedRunner:
         _monitor: Monitor,
         *,
         after_stop: bool = False,
-        then: Callable[[Any], Job | None] = lambda _result: None,
+        then: Callable[[Any], Job | None] | None = None,
+        foresee: Foresee | None = None,
     ) -> Iterator[Any]:
-        """Yield the results of jobs in the order of every lane."""
+        """Yield the results of jobs in the order of every lane, as `expdesign.workers` does."""
         del after_stop
-        waiting, numbers = deque(jobs), itertools.count()
-        busy: list[tuple[float, int, tuple[int, int], Any]] = []
+        if self._leading is not None:
+            self._take_own_time()
+        waiting, numbers, left = deque(jobs), itertools.count(), len(jobs) if then else 0
+        busy: list[tuple[float, int, tuple[int, int], Key | None, Any]] = []
         arrived: dict[tuple[int, int], Any] = {}
-        begun, following = Counter[int](), Counter[int]()
+        begun, following, required = Counter[int](), Counter[int](), set[Key]()
         while waiting or busy:
-            while waiting and len(busy) < self._workers:
+            while waiting:
+                key = _key(waiting[0]) if foresee else None
+                is_free = self.knows(waiting[0]) if key else False
+                is_free = is_free or len(busy) + len(self._ahead) < self._workers
+                if not is_free and not self._end_one(()):
+                    break
                 job = waiting.popleft()
+                self.began[job.function.__name__] = self.now
                 result, seconds = self._result(job)
+                end = self.now + (0.0 if key in self._known else seconds)
+                end = self._ahead.pop(key, end) if key else end
                 place = job.lane, begun[job.lane]
                 begun[job.lane] += 1
-                heapq.heappush(busy, (self.now + seconds, next(numbers), place, result))
-            self.now, _, place, result = heapq.heappop(busy)
+                if key:
+                    required.add(key)
+                heapq.heappush(busy, (end, next(numbers), place, key, result))
+            if foresee and len(busy) < self._workers:
+                is_lasting = max(left, len(busy)) < self._workers
+                foreseen = foresee(self.known, is_lasting)
+                self._begin_ahead(foreseen, required, self._workers - len(busy))
+            first = min(self._ahead, key=self._ahead.__getitem__, default=None)
+            if first is not None and self._ahead[first] < busy[0][0]:
+                self.now = max(self.now, self._ahead.pop(first))
+                if first in self._timed:
+                    self._known[first] = self._timed[first][0]
+                continue
+            end, _, place, key, result = heapq.heappop(busy)
+            self.now = max(self.now, end)
+            if key:
+                self._known[key] = result
             arrived[place] = result
             lane = place[0]
             while (lane, following[lane]) in arrived:
                 result = arrived.pop((lane, following[lane]))
                 following[lane] += 1
-                after = then(result)
+                after = then(result) if then else None
                 if after is not None:
                     waiting.append(after)
+                elif then:
+                    left -= 1
                 yield result
-        if self._leading is None:
-            self.ends.append(self.now)
+
+    def _begin_ahead(self, foreseen: Iterable[Job], required: set[Key], room: int) -> None:
+        """Begin the jobs that are foreseen and for which there is room."""
+        keys = (key for key in map(_key, foreseen) if key not in required)
+        wanted = dict.fromkeys(itertools.islice(keys, self._workers))
+        for key in wanted:
+            if key in self._begun:
+                continue
+            if len(self._ahead) >= room and not self._end_one(wanted):
+                return
+            self._ahead[key] = self.now + self._seconds(key)
+            self._begun.add(key)
+
+    def _end_one(self, kept: Container[Key]) -> bool:
+        """End the job ahead that began last, of those that are not kept."""
+        key = next((one for one in reversed(self._ahead) if one not in kept), None)
+        if key is None:
+            return False
+        del self._ahead[key]
+        self._begun.discard(key)
+        return True

@@ -230,8 +230,8 @@ class Sharing:
 
     limits: LimitModel
     """Only the proofs of these limits use it."""
-    count: int
-    """Largest number of parts."""
+    count: Callable[[], int]
+    """Returns the largest number of parts at present."""
     bound: Callable[[EnclosedMotion, list[Cells]], Iterable[CellBounds]]
 
 
@@ -356,7 +356,7 @@ class _Proof:
     def _bound(self, motion: EnclosedMotion, cells: Cells) -> CellBounds:
         sharing = _sharing.get()
         if sharing is not None and sharing.limits is self._model:
-            parts = cells.parts(sharing.count)
+            parts = cells.parts(sharing.count())
             if len(parts) > 1:
                 return CellBounds.join(list(sharing.bound(motion, parts)))
         return bound_cells(self._enclosed, motion, cells)

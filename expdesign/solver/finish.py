@@ -32,7 +32,7 @@ from expdesign.solver.interior_point import solve_by_interior_point
 from expdesign.solver.ipopt import IPOPT_OPTIONS, solve_with_ipopt
 from expdesign.solver.starts import SearchPlan, StartResult, solve_phase
 from expdesign.trajectory import round_period
-from expdesign.workers import Monitor
+from expdesign.workers import Job, Monitor, Procedure
 
 _ROUNDS = 4
 _MOST_REPETITIONS = 4
@@ -87,31 +87,29 @@ def polish_start(
     return replace(polished, index=start.index, status=status, trace=tuple(reporter.trace))
 
 
-def prove_design(plan: SearchPlan, monitor: Monitor, polished: StartResult) -> StartResult:
-    """Finish a motion once more, now with a proof of its limits.
+def prove_design(plan: SearchPlan, monitor: Monitor, polished: StartResult) -> Procedure:
+    """Finish a motion again as long as it improves, then once more with a proof of its limits.
 
     If the improved motion cannot be proved, but the given one can, the given one is returned.
     """
     again = polished
-    if plan.hops:  # a search without hops is meant to be short
-        again = _polish_again(plan, monitor, polished)
-    proved = polish_start(plan, monitor, again, proving=True, settled=again.converged)
+    # A search without hops is meant to be short.
+    for _ in range(_MOST_REPETITIONS if plan.hops else 0):
+        (result,) = yield [Job(polish_again, (again,), expected=again)]
+        gain = plan.evaluator.gain(result.merit, again.merit)
+        if not (result.check.passed and (gain > _GAIN or not again.check.passed)):
+            break
+        again = result
+    (proved,) = yield [Job(prove_limits, (again,))]
     if again is not polished and not (proved.check.certified or monitor.stop_requested()):
-        before = polish_start(plan, monitor, polished, proving=True, settled=polished.converged)
+        (before,) = yield [Job(prove_limits, (polished,))]
         if before.check.certified:
             return before
     return proved
 
 
-def bound_part(
-    plan: SearchPlan, _monitor: Monitor, motion: EnclosedSeries, cells: Cells
-) -> CellBounds:
-    """Bound the limits of a motion in a part of the cells of a proof."""
-    return bound_cells(EnclosedLimits(plan.problem.limits), motion, cells)
-
-
-def _polish_again(plan: SearchPlan, monitor: Monitor, polished: StartResult) -> StartResult:
-    """Refine and finish a finished motion again, as long as it improves.
+def polish_again(plan: SearchPlan, monitor: Monitor, polished: StartResult) -> StartResult:
+    """Refine and finish a finished motion again.
 
     The refinement's box is larger, and it has no margins: it leaves the point where a finish got
     stuck.
@@ -122,16 +120,22 @@ def _polish_again(plan: SearchPlan, monitor: Monitor, polished: StartResult) -> 
     last = replace(last, name=own.name, samples=own.samples)
     reporter = phases.StartReporter(monitor, polished.index, polished.kind)
     report = reporter.phase_report(last, problem)
-    for _ in range(_MOST_REPETITIONS):
-        x, _ = solve_phase(problem, last, polished.variables, report)
-        if monitor.stop_requested():
-            break
-        again = polish_start(plan, monitor, replace(polished, variables=x))
-        gain = plan.evaluator.gain(again.merit, polished.merit)
-        if not (again.check.passed and (gain > _GAIN or not polished.check.passed)):
-            break
-        polished = again
-    return polished
+    x, _ = solve_phase(problem, last, polished.variables, report)
+    if monitor.stop_requested():
+        return polished
+    return polish_start(plan, monitor, replace(polished, variables=x))
+
+
+def prove_limits(plan: SearchPlan, monitor: Monitor, polished: StartResult) -> StartResult:
+    """Finish a motion once more, now with a proof of its limits."""
+    return polish_start(plan, monitor, polished, proving=True, settled=polished.converged)
+
+
+def bound_part(
+    plan: SearchPlan, _monitor: Monitor, motion: EnclosedSeries, cells: Cells
+) -> CellBounds:
+    """Bound the limits of a motion in a part of the cells of a proof."""
+    return bound_cells(EnclosedLimits(plan.problem.limits), motion, cells)
 
 
 def polish(

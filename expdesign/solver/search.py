@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from functools import partial
+from itertools import pairwise, zip_longest
 from operator import attrgetter
 
 import numpy as np
@@ -14,11 +17,21 @@ import numpy as np
 from expdesign.configuration import ComputationError
 from expdesign.progress import report_progress
 from expdesign.recheck.certificate import CellBounds, Cells, EnclosedMotion, Sharing, share_cells
-from expdesign.solver.finish import bound_part, polish_start, prove_design
+from expdesign.solver.finish import bound_part, polish_start, prove_design, prove_limits
 from expdesign.solver.phases import SearchEvent
 from expdesign.solver.starts import SearchPlan, StartResult, give_up, report_end, run_start
 from expdesign.trajectory import FourierTrajectory
-from expdesign.workers import Job, JobJournal, JobRunner, Monitor, StoppedError
+from expdesign.workers import (
+    Job,
+    JobJournal,
+    JobRunner,
+    Known,
+    Monitor,
+    Procedure,
+    StoppedError,
+    foresee_nothing,
+    unknown_jobs,
+)
 
 GROUP = 48
 """Largest number of starts of a group. Each group has hops of its own: the best of several short
@@ -28,6 +41,8 @@ REFINED = 12
 TOGETHER = 8
 """Number of simultaneous hops, each from another motion. The origin of a hop is chosen when the
 eighth hop before it has ended, whatever the number of workers."""
+FORESEEN = 4 * TOGETHER
+"""Largest number of hops of a group that are foreseen, to do some of them ahead."""
 FAILED = 0.003
 """Cost added to a motion for every hop from it without improvement: the best motion is often the
 end of its descent, and others are not (measured)."""
@@ -142,23 +157,17 @@ def search(
     )
     watch = Monitor(lambda: monitor.stop_requested() or runner.lost is not None, monitor.report)
     clock = Monitor(lambda: is_late() or watch.stop_requested(), report)
-    starts, motions, hops, ended = _search_groups(runner, plan, clock)
-    if not motions:
-        if runner.lost is not None:
-            raise runner.lost
-        if monitor.stop_requested():
-            raise StoppedError("the search was stopped before any start had a result")
-        states = "; ".join(sorted({start.status for start in starts}))
-        raise NoDesignError(
-            f"none of {len(starts)} starts reached a motion that keeps the limits and excites the "
-            f"parameters ({states})"
-            if starts
-            else "design.max_seconds had passed before any start had a result",
-            starts,
-        )
-    if clock.stop_requested():
-        ended = "stopped" if monitor.stop_requested() else "design.max_seconds had passed"
-    best, tried = _finish_best(runner, plan, motions, watch)
+    with closing(runner):
+        starts, motions, hops, ended = _search_groups(runner, plan, clock)
+        if not motions:
+            if runner.lost is not None:
+                raise runner.lost
+            if monitor.stop_requested():
+                raise StoppedError("the search was stopped before any start had a result")
+            raise NoDesignError(_failure_text(starts), starts)
+        if clock.stop_requested():
+            ended = "stopped" if monitor.stop_requested() else "design.max_seconds had passed"
+        best, tried = _finish_best(runner, plan, motions, watch)
     lost = "" if runner.lost is None else runner.lost.message
     every = sorted([*starts, *hops], key=attrgetter("index"))
     return SearchResult(
@@ -171,6 +180,17 @@ def search(
         cpu_seconds=runner.cpu_seconds,
         ended=lost or ended,
         lost=lost,
+    )
+
+
+def _failure_text(starts: Sequence[StartResult]) -> str:
+    """Return why no start reached a motion, in words."""
+    if not starts:
+        return "design.max_seconds had passed before any start had a result"
+    states = "; ".join(sorted({start.status for start in starts}))
+    return (
+        f"none of {len(starts)} starts reached a motion that keeps the limits and excites the "
+        f"parameters ({states})"
     )
 
 
@@ -209,7 +229,7 @@ def _search_groups(
             _Group(plan, lane, [start for start in one if start.usable], numbers, clock)
             for lane, (one, numbers) in enumerate(zip(found, hop_numbers[block], strict=True))
         ]
-        _run_hops(runner, made, clock)
+        _run_hops(runner, plan, made, [m for group in searched for m in group.motions], clock)
         starts += [start for one in found for start in one]
         searched += made
         if clock.stop_requested():
@@ -235,12 +255,19 @@ def _run_starts(
     if plan.origin is not None:
         begun = [StartResult(1, "origin", plan.problem.variables.pack(plan.origin))]
     jobs = [_start_job(f"start {start.index}, rough", start, 1) for start in begun]
-    rough: list[StartResult] = list(runner.run(jobs, clock))
+    rough: list[StartResult] = []
+
+    def refine_present(_known: Known, _is_lasting: bool) -> Iterator[Job]:
+        """Yield the refinements of the share of the present best that is likely to remain."""
+        best = _best_of_groups(rough, block)
+        for others, own in zip(best, block, strict=True):
+            count = REFINED * len(others) // len(own)
+            yield from (_start_job(f"start {one.index}", one) for one in others[:count])
+
+    for start in runner.run(jobs, clock, foresee=refine_present):
+        rough += [start]
     ended = [[start for start in rough if start.index in own and start.status] for own in block]
-    left = [
-        sorted((one for one in rough if one.index in own and not one.status), key=_rank)[::-1]
-        for own in block
-    ]
+    left = _best_of_groups(rough, block)
     while chosen := [
         start
         for done, others in zip(ended, left, strict=True)
@@ -248,7 +275,14 @@ def _run_starts(
         for start in others[:REFINED]
     ]:
         jobs = [_start_job(f"start {start.index}", start) for start in chosen]
-        refined: list[StartResult] = list(runner.run(jobs, clock, after_stop=True))
+        refined: list[StartResult] = []
+        for start in runner.run(
+            jobs,
+            clock,
+            after_stop=True,
+            foresee=partial(_finish_ahead, plan, refined, clock),
+        ):
+            refined += [start]
         taken = {start.index for start in chosen}
         left = [[start for start in others if start.index not in taken] for others in left]
         for own, done in zip(block, ended, strict=True):
@@ -257,6 +291,14 @@ def _run_starts(
         [*done, *(give_up(plan, clock, start) for start in others)]
         for done, others in zip(ended, left, strict=True)
     ]
+
+
+def _best_of_groups(
+    rough: Sequence[StartResult], block: Sequence[range]
+) -> list[list[StartResult]]:
+    """Return the starts of every group that may continue, the best first."""
+    going = sorted((start for start in rough if not start.status), key=_rank)[::-1]
+    return [[start for start in going if start.index in own] for own in block]
 
 
 @dataclass(frozen=True)
@@ -294,6 +336,10 @@ class _Group:
     Attributes
     ----------
     origins : list of _Origin
+    unused : iterator of int
+        Numbers of further hops.
+    under_way : dict
+        Places of the origins of hops without a result, and their jobs, by number of the hop.
     made : list of StartResult
         Its hops.
     failed : int
@@ -311,9 +357,9 @@ class _Group:
         clock: Monitor,
     ) -> None:
         self._plan, self._lane, self._clock = plan, lane, clock
-        self.numbers, self._unused = numbers, iter(numbers)
+        self.numbers, self.unused = numbers, iter(numbers)
         self.origins = [_Origin(start) for start in motions]
-        self._under_way: dict[int, int] = {}
+        self.under_way: dict[int, tuple[int, Job]] = {}
         self._is_over, self._gained = False, 0.0
         self.made: list[StartResult] = []
         self.failed, self.has_gained_enough = 0, False
@@ -325,22 +371,40 @@ class _Group:
 
     def next_hop(self) -> Job | None:
         """Return a hop from the most promising motion without a hop under way."""
-        free = [k for k in range(len(self.origins)) if k not in self._under_way.values()]
+        used = {place for place, _ in self.under_way.values()}
+        free = [k for k in range(len(self.origins)) if k not in used]
         if self._is_over or not free or self._clock.stop_requested():
             return None
-        number = next(self._unused, None)
+        number = next(self.unused, None)
         if number is None:
             return None
         place = max(free, key=lambda k: self.origins[k].promise)
-        self._under_way[number] = place
         origin = self.origins[place].start
         hop = StartResult(number, "hop", origin.variables)
-        return _start_job(f"hop {number}", hop, None, origin.phases, lane=self._lane)
+        job = _start_job(f"hop {number}", hop, None, origin.phases, lane=self._lane)
+        self.under_way[number] = place, job
+        return job
+
+    def foreseen(self, known: Known) -> tuple[_Group, list[Job]]:
+        """Return the group after known results, and the hops without one: they gain nothing."""
+        future, unknown = copy.copy(self), list[Job]()
+        future.unused, future.origins = copy.copy(self.unused), list(self.origins)
+        future.under_way, future.made = dict(self.under_way), list(self.made)
+        for _ in range(FORESEEN):
+            if not future.under_way:
+                break
+            number, (_, job) = next(iter(future.under_way.items()))
+            result = known(job)
+            if result is None:
+                unknown.append(job)
+                result = StartResult(number, "hop", np.empty(0))
+            future.follow(result)
+        return future, unknown
 
     def follow(self, result: StartResult) -> Job | None:
         """Add the result of a hop, in the order of the hops; return the next one."""
         known = max(one.start.rank for one in self.origins)
-        place = self._under_way.pop(result.index)
+        place, _ = self.under_way.pop(result.index)
         self.origins[place] = self.origins[place].after(result)
         (*standing, value), (*stood, was) = self.origins[place].start.rank, known
         self.failed = 0 if standing > stood or value > was + _BETTER else self.failed + 1
@@ -373,14 +437,32 @@ def expected_gain(gained: float, hops: int, more: int) -> float:
     return scale * math.log1p(more / (1 + hops))
 
 
-def _run_hops(runner: JobRunner, searched: Sequence[_Group], clock: Monitor) -> None:
-    """Run the hops of groups, which do not wait for each other."""
+def _run_hops(
+    runner: JobRunner,
+    plan: SearchPlan,
+    searched: Sequence[_Group],
+    others: Sequence[StartResult],
+    clock: Monitor,
+) -> None:
+    """Run the hops of groups, which do not wait for each other.
+
+    Ahead, the best of the present motions and `others` are finished, and further hops are made.
+    """
 
     def follow(result: StartResult) -> Job | None:
         return next(group for group in searched if result.index in group.numbers).follow(result)
 
+    def foresee(known: Known, is_lasting: bool) -> Iterator[Job]:
+        futures, unknown = zip(*(group.foreseen(known) for group in searched), strict=True)
+        motions = [*others, *(motion for group in futures for motion in group.motions)]
+        yield from _finish_ahead(plan, motions, clock, known, is_lasting)
+        for hops in zip_longest(*unknown):
+            yield from (hop for hop in hops if hop is not None)
+
     jobs = [group.next_hop() for group in searched for _ in range(TOGETHER)]
-    for _ in runner.run([job for job in jobs if job is not None], clock, then=follow):
+    for _ in runner.run(
+        [job for job in jobs if job is not None], clock, then=follow, foresee=foresee
+    ):
         pass
 
 
@@ -414,6 +496,53 @@ def _finish_best(
 ) -> tuple[StartResult, list[StartResult]]:
     """Finish the best motions and prove the best of them; return that one and all finished ones.
 
+    This process leads a proof that has not begun, and local workers bound the limits in parts of
+    its cells of time. It begins the proof of a motion while a worker finishes that motion again:
+    the last time this is in vain.
+    """
+
+    def bound(motion: EnclosedMotion, parts: list[Cells]) -> Iterator[CellBounds]:
+        jobs = [Job(bound_part, (motion, part)) for part in parts]
+        return runner.run(jobs, monitor, after_stop=True)
+
+    def likely_jobs(known: Known, _is_lasting: bool = True) -> Iterator[Job]:
+        return unknown_jobs(_finish(plan, motions, monitor), known)
+
+    def results_of(jobs: list[Job]) -> list[StartResult]:
+        if jobs[0].function is prove_limits:
+            report_progress("proving the limits")
+        if plan.workers > 1 and plan.scheduler is None:
+            *others, last = [*likely_jobs(runner.known)] or jobs
+            if last.function is prove_limits and not runner.knows(last):
+                with share_cells(Sharing(plan.problem.limits, lambda: runner.free, bound)):
+                    runner.lead(plan, last, monitor, others, likely_jobs)
+        return list(runner.run(jobs, monitor, after_stop=True, foresee=foresee_nothing))
+
+    finish = _finish(plan, motions, monitor)
+    jobs = next(finish)
+    while True:
+        try:
+            jobs = finish.send(results_of(jobs))
+        except StopIteration as end:
+            return end.value
+
+
+def _finish_ahead(
+    plan: SearchPlan,
+    motions: Sequence[StartResult],
+    monitor: Monitor,
+    known: Known,
+    is_lasting: bool,
+) -> Iterator[Job]:
+    """Yield the jobs of the finish of present motions, if workers are idle for long."""
+    usable = [motion for motion in motions if motion.usable]
+    if usable and is_lasting:
+        yield from unknown_jobs(_finish(plan, usable, monitor), known)
+
+
+def _finish(plan: SearchPlan, motions: Sequence[StartResult], monitor: Monitor) -> Procedure:
+    """Finish the best motions and prove the best of them; return that one and all finished ones.
+
     Those that lag behind are finished if none of the others is proved, and more until one keeps
     the limits.
     """
@@ -423,40 +552,26 @@ def _finish_best(
     ends = [0, close, *range(FINISHED, len(ranked), FINISHED), len(ranked)]
     tried, proved = list[StartResult](), list[StartResult]()
     for batch in (ranked[a:b] for a, b in pairwise(ends) if a < b):
-        jobs = [Job(polish_start, (start,)) for start in batch]
-        polished = list(runner.run(jobs, monitor, after_stop=True))
+        polished = yield [Job(polish_start, (start,)) for start in batch]
         tried += polished
         stopping = monitor.stop_requested()
         if stopping or any(one.check.passed for one in polished):
-            proved.append(_prove_best(runner, plan, polished, monitor))
+            proved.append((yield from _prove_best(plan, polished, monitor)))
         if stopping or any(one.check.certified or len(tried) >= FINISHED for one in proved):
             break
-    proved = proved or [_prove_best(runner, plan, tried, monitor)]
+    if not proved:
+        proved.append((yield from _prove_best(plan, tried, monitor)))
     return max(proved, key=_rank), tried
 
 
-def _prove_best(
-    runner: JobRunner, plan: SearchPlan, tried: Sequence[StartResult], monitor: Monitor
-) -> StartResult:
+def _prove_best(plan: SearchPlan, tried: Sequence[StartResult], monitor: Monitor) -> Procedure:
     """Return the best design whose limits are all proved, among the best few.
 
-    If there is none, the best of those examined is returned. This process leads the proof, and
-    local workers bound the limits in parts of its cells of time.
+    If there is none, the best of those examined is returned.
     """
-
-    def bound(motion: EnclosedMotion, parts: list[Cells]) -> Iterator[CellBounds]:
-        jobs = [Job(bound_part, (motion, part)) for part in parts]
-        return runner.run(jobs, monitor, after_stop=True)
-
     seen: list[StartResult] = []
-    report_progress("proving the limits")
     for polished in sorted(tried, key=_rank, reverse=True)[:PROVED]:
-        job = Job(prove_design, (polished,))
-        if plan.workers > 1 and plan.scheduler is None:
-            with share_cells(Sharing(plan.problem.limits, plan.workers, bound)):
-                proved = runner.run_here(plan, job, monitor)
-        else:
-            (proved,) = runner.run([job], monitor, after_stop=True)
+        proved = yield from prove_design(plan, monitor, polished)
         seen.append(proved)
         if proved.check.certified or monitor.stop_requested():
             break

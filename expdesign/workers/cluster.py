@@ -25,6 +25,7 @@ from threadpoolctl import threadpool_limits
 
 from expdesign.configuration import ComputationError, InputError
 from expdesign.runfolder.journal import Journal
+from expdesign.workers.ahead import Foresee, JobsAhead, content_of, foresee_nothing
 from expdesign.workers.job import Job, Monitor
 from expdesign.workers.local import run_jobs
 
@@ -114,7 +115,7 @@ class JobRunner:
     Attributes
     ----------
     cpu_seconds : float
-        Processor time of all jobs so far.
+        Processor time of all jobs so far whose results were used.
     lost : ClusterError or None
         The end of the cluster.
     """
@@ -131,6 +132,7 @@ class JobRunner:
         self._keep_event, self._journal = keep_event, journal
         self.cpu_seconds = 0.0
         self.lost: ClusterError | None = None
+        self._ahead, self._companions = JobsAhead(), 0
 
     def run(
         self,
@@ -138,7 +140,8 @@ class JobRunner:
         monitor: Monitor,
         *,
         after_stop: bool = False,
-        then: Callable[[Any], Job | None] = lambda _result: None,
+        then: Callable[[Any], Job | None] | None = None,
+        foresee: Foresee | None = None,
     ) -> Iterator[Any]:
         """Yield the results of jobs in the order of every lane; of fewer after a request to stop.
 
@@ -148,37 +151,131 @@ class JobRunner:
             Whether jobs begin even after a request to stop.
         then : callable, optional
             Gets every result, in the order of a lane, and may return a further job.
+        foresee : callable, optional
+            Local workers without another job do the jobs that it returns ahead; their results are
+            used by this and later calls with `foresee`.
         """
-        begun = Counter[int]()
+        begun, required = Counter[int](), set[bytes]()
+        scheduler = None if self.lost is not None else self._scheduler
+        is_local = scheduler is None
+        foresee = foresee if is_local and self._workers > 1 else None
 
         def timed_job(job: Job) -> Job:
             known = job if self._journal is None else self._journal.recall(job)
             place = job.lane, begun[job.lane]
             begun[job.lane] += 1
-            return replace(job, function=_run_timed, arguments=(place, known, self._keep_event))
+            arguments = place, known, None if is_local else self._keep_event
+            key = content_of(job) if foresee else b""
+            required.add(key)
+            return replace(job, function=_run_timed, arguments=arguments, key=key, expected=None)
+
+        def jobs_ahead(is_lasting: bool) -> Iterator[Job]:
+            for job in foresee(self.known, is_lasting) if foresee else ():
+                if (key := content_of(job)) not in required:
+                    plain = replace(job, expected=None)
+                    arguments = (job.lane, 0), plain, self._keep_event
+                    yield replace(plain, function=_run_timed, arguments=arguments, key=key)
 
         def follow(done: _Done) -> Job | None:
-            self.cpu_seconds += done.seconds
-            self._keep(done)
-            job = then(done.result)
+            job = then(done.result) if then else None
             return None if job is None else timed_job(job)
 
         timed = [timed_job(job) for job in jobs]
-        if self._scheduler is None or self.lost is not None:
+        if scheduler is None:
             work = run_jobs(
-                self._build, timed, self._workers, monitor, after_stop=after_stop, then=follow
+                self._build,
+                timed,
+                self._workers,
+                monitor,
+                after_stop=after_stop,
+                then=follow if then else None,
+                ahead=self._ahead if foresee else None,
+                foresee=jobs_ahead if foresee else None,
             )
         else:
-            work = self._run_on_cluster(self._scheduler, timed, monitor, follow, after_stop)
+            work = self._run_on_cluster(scheduler, timed, monitor, follow, after_stop)
         for done in work:
+            self.cpu_seconds += done.seconds
+            self._keep(done)
+            if is_local:
+                for event in done.events:  # of a job that was done ahead
+                    monitor.report(event)
             yield done.result
 
-    def run_here(self, built: Any, job: Job, monitor: Monitor) -> Any:
-        """Run a job in this process, with the objects built here; it may submit further jobs."""
-        with threadpool_limits(1):
-            done = _run_timed(built, monitor, (0, 0), job, self._keep_event)
-        self.cpu_seconds += done.seconds
-        return done.result
+    @property
+    def free(self) -> int:
+        """Number of workers without a job of `lead`."""
+        return self._workers - self._companions
+
+    def lead(
+        self,
+        built: Any,
+        job: Job,
+        monitor: Monitor,
+        companions: Sequence[Job],
+        foresee: Foresee,
+    ) -> None:
+        """Run a job in this process; `run` with `foresee` then knows its result.
+
+        Parameters
+        ----------
+        built : Any
+            Its first argument. The job may have other ones run.
+        companions : sequence of Job
+            Jobs of workers at the same time; their results are then known, too.
+        foresee : callable
+            The job ends early, without a result, if it is not among these jobs then.
+        """
+        self._ahead.end_all_but(content_of(one) for one in companions)
+        self._companions = len(companions)
+        errors = list[BaseException]()
+
+        def run_companions() -> None:
+            try:
+                list(self.run(companions, monitor, after_stop=True, foresee=foresee_nothing))
+            except BaseException as error:  # noqa: BLE001 - raised in the thread of the caller
+                errors.append(error)
+            self._companions = 0
+
+        thread = threading.Thread(target=run_companions, daemon=True)
+        thread.start()
+        needed = list[bool]()
+
+        def is_needed() -> bool:
+            if not needed and not self._companions:
+                contents = map(content_of, foresee(self.known, True))
+                needed.append(not companions or content_of(job) in contents)
+            return all(needed)
+
+        def stop_requested() -> bool:
+            return not is_needed() or monitor.stop_requested()
+
+        # Where it may have no result, its events are kept for its use.
+        watch = Monitor(stop_requested) if companions else Monitor(stop_requested, monitor.report)
+        keep_event = self._keep_event if companions else None
+        try:
+            with threadpool_limits(1):
+                done = _run_timed(built, watch, (0, 0), job, keep_event)
+        finally:
+            thread.join()
+        if errors:
+            raise errors[0]
+        if is_needed():
+            self._ahead.known[content_of(job)] = done
+
+    def knows(self, job: Job) -> bool:
+        """Return whether a job is done or under way, ahead."""
+        key = content_of(job)
+        return key in self._ahead.known or key in self._ahead.begun
+
+    def known(self, job: Job) -> Any:
+        """Return the result of a job that was done ahead or may be asked for again, or None."""
+        done = self._ahead.known.get(content_of(job))
+        return None if done is None else done.result
+
+    def close(self) -> None:
+        """End the jobs ahead that are under way."""
+        self._ahead.end_all_but(())
 
     def _keep(self, done: _Done) -> None:
         if self._journal is not None and not done.stopped:
@@ -247,12 +344,13 @@ def _run_timed(
     monitor: Monitor,
     place: tuple[int, int],
     job: Job,
-    keep_event: Callable[[Any], bool],
+    keep_event: Callable[[Any], bool] | None,
 ) -> _Done:
+    """Run a job; events are kept for its end where `keep_event` is given."""
     began, kept = time.process_time(), list[Any]()
 
     def report(event: Any) -> None:
-        if keep_event(event):
+        if keep_event is not None and keep_event(event):
             kept.append(event)
         monitor.report(event)
 

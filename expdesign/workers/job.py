@@ -55,6 +55,10 @@ class Job:
     """Picklable; reports the result, with what was built, when it comes from a journal."""
     lane: int = 0
     """Results of jobs of one lane have the order of the jobs; lanes do not wait for each other."""
+    expected: Any = None
+    """Result that is assumed while it is unknown, to do further jobs ahead."""
+    key: bytes = b""
+    """Content by which a result that was computed ahead is found; empty: it is not looked up."""
 
     def run(self, recipe: bytes, monitor: Monitor) -> Any:
         """Run it with one BLAS thread; the pickled recipe builds its first argument, once."""

@@ -16,6 +16,7 @@ import time
 import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
 from multiprocessing.connection import Connection, Pipe
 from multiprocessing.reduction import send_handle
 from pathlib import Path
@@ -24,6 +25,7 @@ from typing import Any, NoReturn, TypeVar
 from expdesign.configuration import ComputationError
 from expdesign.interruption import ENDING
 from expdesign.progress import listen_to_progress
+from expdesign.workers.ahead import JobsAhead
 from expdesign.workers.job import ERROR, EVENT, IDLE_SECONDS, JOB, STOP, Job, Monitor
 
 T = TypeVar("T")
@@ -42,6 +44,8 @@ def run_jobs(
     *,
     after_stop: bool = False,
     then: Callable[[Any], Job | None] | None = None,
+    ahead: JobsAhead | None = None,
+    foresee: Callable[[bool], Iterable[Job]] | None = None,
 ) -> Iterator[Any]:
     """Run jobs in up to `workers` processes; yield their results in the jobs' order, lane by lane.
 
@@ -62,6 +66,12 @@ def run_jobs(
     then : callable, optional
         Gets every result, in the order of the jobs of a lane, before it is yielded, in the thread
         of the caller. A job that it returns is added at the end, unless a stop was requested.
+    ahead : JobsAhead, optional
+        Workers of jobs ahead; they go on when these jobs are done.
+    foresee : callable, optional
+        Returns the jobs to be done ahead by workers that have no other job, with their keys. It
+        gets whether they will have none for long, and is called in the thread of the caller after
+        results, at least ten times a second.
 
     Raises
     ------
@@ -73,8 +83,17 @@ def run_jobs(
     recipe = pickle.dumps(build)
     used = min(workers, len(jobs))
     # An idle process may have built the object already.
-    if used > 1 or (used == 1 < workers and has_idle_worker()):
-        team = _Team(recipe, jobs, monitor, after_stop=after_stop, then=then)
+    if used > 1 or (used == 1 < workers and (foresee or has_idle_worker())):
+        team = _Team(
+            recipe,
+            jobs,
+            monitor,
+            after_stop=after_stop,
+            then=then,
+            ahead=ahead or JobsAhead(),
+            foresee=foresee,
+            most=workers if foresee else used,
+        )
         yield from _run_in_processes(team, used)
         return
     waiting = deque(jobs)
@@ -108,19 +127,26 @@ class _Team:
         *,
         after_stop: bool,
         then: Callable[[Any], Job | None] | None,
+        ahead: JobsAhead,
+        foresee: Callable[[bool], Iterable[Job]] | None,
+        most: int,
     ) -> None:
         self._recipe, self._monitor, self._after_stop = recipe, monitor, after_stop
+        self._ahead, self._foresee, self._most = ahead, foresee, most
         self._waiting, self._begun = deque(jobs), Counter[int]()
         self._then, self._open = then, len(jobs) if then else 0
         """Number of jobs that may still be followed by another one."""
         self._stopping = False
-        self._busy: dict[WorkerProcess, tuple[int, int]] = {}
-        """Lane and place in it of the job of each busy worker."""
+        self._busy: dict[WorkerProcess, tuple[int, int, bytes]] = {}
+        """Lane, place in it and key of the job of each busy worker."""
+        self._claimed = set[WorkerProcess]()
+        """Workers whose job began ahead: its result has its events."""
         self._free: list[WorkerProcess] = []
-        self._answers: queue.Queue[tuple[WorkerProcess, Answer] | None] = queue.Queue()
+        self._answers = ahead.answers
         """None: there may be another job."""
-        self._outcomes: queue.Queue[tuple[tuple[int, int], Any] | BaseException | None]
+        self._outcomes: queue.Queue[tuple[tuple[int, int] | None, Any] | BaseException | None]
         self._outcomes = queue.Queue()
+        """Lane and place of a result; None: of a job ahead."""
         self.abandoned = threading.Event()
         """Set when the caller has closed the iterator: busy workers are then ended."""
 
@@ -129,6 +155,11 @@ class _Team:
         arrived: dict[tuple[int, int], Any] = {}
         following = Counter[int]()
         while True:
+            if self._foresee is not None and self._outcomes.empty():
+                is_lasting = max(self._open, len(self._busy)) < self._most
+                foreseen = self._foresee(is_lasting) if self._room > 0 else ()
+                self._ahead.wanted = list(islice(foreseen, self._most))
+                self._answers.put(None)
             try:
                 outcome = self._outcomes.get(timeout=_POLL)
             except queue.Empty:  # signals are handled between two waits
@@ -137,13 +168,20 @@ class _Team:
                 return
             if isinstance(outcome, BaseException):
                 raise outcome
-            (lane, place), result = outcome
-            arrived[lane, place] = result
-            while (lane, following[lane]) in arrived:
-                result = arrived.pop((lane, following[lane]))
-                following[lane] += 1
-                self._follow(result)
-                yield result
+            place, result = outcome
+            if place is not None:
+                arrived[place] = result
+                lane, _ = place
+                while (lane, following[lane]) in arrived:
+                    result = arrived.pop((lane, following[lane]))
+                    following[lane] += 1
+                    self._follow(result)
+                    yield result
+
+    @property
+    def _room(self) -> int:
+        """Number of workers that required jobs do not need at present."""
+        return self._most - len(self._busy) - len(self._waiting)
 
     def _follow(self, result: Any) -> None:
         if self._then is None:
@@ -158,7 +196,8 @@ class _Team:
     def direct(self, workers: int) -> None:
         """Distribute all jobs."""
         try:
-            self._free = take_workers(workers, self._answers, self._recipe)
+            count = min(workers, max(self._most - len(self._ahead.busy), 0))
+            self._free = take_workers(count, self._answers, self._recipe)
             while self._hand_out() and not self.abandoned.is_set():
                 self._take_answer()
             self._outcomes.put(None)
@@ -173,20 +212,49 @@ class _Team:
         """Give jobs to idle workers; return whether any job is under way or may follow."""
         if not self._stopping and self._monitor.stop_requested():
             self._stopping = True
+            self._ahead.end_all_but(())
             for worker in self._busy:
                 worker.stop()
-        while self._free and (self._after_stop or not self._stopping):
-            # One by one: a request to stop prevents all further ones.
-            if not self._waiting:
+        # One by one: a request to stop prevents all further ones.
+        while self._waiting and (self._after_stop or not self._stopping):
+            if not self._begin(self._waiting[0]):
                 break
-            worker, job = self._free.pop(), self._waiting.popleft()
-            if not worker.is_fit:  # idle for too long
-                worker.end()
-                (worker,) = take_workers(1, self._answers, self._recipe)
-            self._busy[worker] = job.lane, self._begun[job.lane]
-            self._begun[job.lane] += 1
-            worker.begin(self._recipe, job, stopping=self._stopping)
+            self._waiting.popleft()
+        while not self._stopping and (job := self._ahead.next()):
+            is_full = len(self._ahead.busy) >= self._room
+            if is_full and not (self._room > 0 and self._ahead.end_one(unwanted=True)):
+                break
+            worker = self._idle_worker()
+            self._ahead.busy[worker] = job.key
+            self._ahead.begun.add(job.key)
+            worker.begin(self._recipe, job, stopping=False)
         return bool(self._busy) or (self._open > 0 and (self._after_stop or not self._stopping))
+
+    def _begin(self, job: Job) -> bool:
+        """Begin a required job, or take its result; return whether there was a worker."""
+        lane, place = job.lane, self._begun[job.lane]
+        if job.key in self._ahead.known:
+            self._outcomes.put(((lane, place), self._ahead.known[job.key]))
+        elif worker := self._ahead.claim(job.key):
+            self._busy[worker] = lane, place, job.key
+            self._claimed.add(worker)
+        else:
+            is_full = len(self._busy) + len(self._ahead.busy) >= self._most
+            if is_full and not self._ahead.end_one():
+                return False
+            worker = self._idle_worker()
+            self._busy[worker] = lane, place, job.key
+            worker.begin(self._recipe, job, stopping=self._stopping)
+        self._begun[lane] += 1
+        return True
+
+    def _idle_worker(self) -> WorkerProcess:
+        worker = self._free.pop() if self._free else None
+        if worker is None or not worker.is_fit:  # idle for too long
+            if worker is not None:
+                worker.end()
+            (worker,) = take_workers(1, self._answers, self._recipe)
+        return worker
 
     def _take_answer(self) -> None:
         try:
@@ -197,22 +265,34 @@ class _Team:
             return
         worker, answer = answered
         if answer is None and worker not in self._busy:
+            self._ahead.busy.pop(worker, None)
             return
         if answer is None:
             raise WorkerDiedError(
                 "a worker process died, perhaps out of memory; fewer workers need less memory"
             )
+        is_ahead = worker in self._ahead.busy
+        if not is_ahead and worker not in self._busy:  # ended meanwhile
+            return
         kind, content, *more = pickle.loads(answer)
         if kind == EVENT:
-            self._monitor.report(content)
+            if not is_ahead and worker not in self._claimed:
+                self._monitor.report(content)
             return
-        place = self._busy.pop(worker)
+        self._claimed.discard(worker)
+        lane, number, key = (
+            (0, 0, self._ahead.busy.pop(worker)) if is_ahead else self._busy.pop(worker)
+        )
         worker.idle_since = time.monotonic()
         self._free.append(worker)
+        if kind == ERROR and is_ahead:  # raised when the job is required
+            return
         if kind == ERROR:
             content.add_note(f"In a worker process:\n{''.join(more)}")
             raise content
-        self._outcomes.put((place, content))
+        if key and not self._stopping:
+            self._ahead.known[key] = content
+        self._outcomes.put((None if is_ahead else (lane, number), content))
 
 
 Answer = bytes | None

@@ -84,7 +84,7 @@ def test_a_proof_in_parts_has_the_digits_of_one_that_is_not_divided(palida, coun
         numbers.append(len(parts))
         return [bound_cells(enclosed, moving, part) for part in parts]
 
-    with share_cells(Sharing(palida, count, bound)):
+    with share_cells(Sharing(palida, lambda: count, bound)):
         divided = certify(palida, motion)
 
     assert repr(divided) == repr(certify(palida, motion))

@@ -285,8 +285,19 @@ def _proved_of(monkeypatch, plan, outcomes, stopped=False, unprovable=()):
     evaluator = SimpleNamespace(gain=lambda merit, before: merit - before)
     scripted = dataclasses.replace(plan, evaluator=evaluator, hops=1)
     monitor = Monitor(lambda: stopped, lambda _event: None)
-    proved = module.prove_design(scripted, monitor, made[0])
+    proved = completed(module.prove_design(scripted, monitor, made[0]), scripted, monitor)
     return numbered(plan.problem.variables.pack(proved.trajectory))
+
+
+def completed(procedure, built, monitor):
+    """Return the value of a procedure whose jobs are done here."""
+    jobs = next(procedure)
+    while True:
+        results = [job.function(built, monitor, *job.arguments) for job in jobs]
+        try:
+            jobs = procedure.send(results)
+        except StopIteration as end:
+            return end.value
 
 
 def _numbered(plan, k):

@@ -13,7 +13,7 @@ import pytest
 from expdesign.solver.phases import SearchEvent
 from expdesign.solver.search import GROUP, NoDesignError, groups, search
 from expdesign.solver.starts import GIVEN_UP, StartResult, run_start
-from expdesign.workers import Job, JobJournal, Monitor, run_jobs
+from expdesign.workers import Job, JobJournal, JobRunner, Monitor, run_jobs
 
 QUICK = {"max_iterations": 4}
 
@@ -138,11 +138,12 @@ def module(monkeypatch, one_start):
         return dataclasses.replace(polished, merit=-float(start.variables[0]), index=start.index)
 
     monkeypatch.setattr(found, "polish_start", polish)
-    monkeypatch.setattr(
-        found,
-        "prove_design",
-        lambda _plan, _monitor, one: dataclasses.replace(one, merit=one.index),
-    )
+
+    def prove(_plan, _monitor, one):
+        yield from ()
+        return dataclasses.replace(one, merit=one.index)
+
+    monkeypatch.setattr(found, "prove_design", prove)
     monkeypatch.setattr(found, "LAG", np.inf)
     return found
 
@@ -193,6 +194,7 @@ def test_motions_that_lag_are_finished_if_the_others_are_not_proved(
     values = {1: 0.02, 2: 1.0, 3: 0.0, 4: 2.0, 5: 0.01, 6: 3.0}
 
     def prove(_plan, _monitor, one):
+        yield from ()
         if one.index not in unproved:
             return one
         open_limits = [dataclasses.replace(limit, proved=np.inf) for limit in one.check.limits]
@@ -448,6 +450,41 @@ def test_starts_and_hops_in_other_processes_are_the_same(build):
         np.testing.assert_array_equal(a.variables, b.variables)
         assert (a.trace, a.status, a.merit) == (b.trace, b.status, b.merit)
     assert pickle.loads(pickle.dumps(one[0])).rank == one[0].rank
+
+
+@pytest.mark.slow
+def test_jobs_ahead_change_no_digit(build, plan, monkeypatch):
+    """Refinements, hops, finishes and proofs that are done ahead, and a proof led here."""
+    module = importlib.import_module("expdesign.solver.search")
+    monkeypatch.setattr(module, "TOGETHER", 2)
+    monkeypatch.setattr(module, "REFINED", 2)
+    ahead, led = [], []
+    lead, close = JobRunner.lead, JobRunner.close
+
+    def leading(self, *arguments):
+        led.append(arguments)
+        return lead(self, *arguments)
+
+    def closing(self):
+        ahead.append(len(self._ahead.begun))
+        close(self)
+
+    monkeypatch.setattr(JobRunner, "lead", leading)
+    monkeypatch.setattr(JobRunner, "close", closing)
+    settings = {"max_iterations": 8, "starts": 4, "hops": 8}
+    results = [
+        search(build(design=settings), dataclasses.replace(present, workers=workers), Monitor())
+        for present in [build(design=settings)()]
+        for workers in (1, 2, 4, 7)
+    ]
+    assert ahead[0] == 0 < ahead[-1]
+    assert led
+    first = results[0]
+    for other in results[1:]:
+        assert other.trajectory.vector().tobytes() == first.trajectory.vector().tobytes()
+        assert other.merits == first.merits
+        assert [one.trace for one in other.starts] == [one.trace for one in first.starts]
+        assert other.finish.check == first.finish.check
 
 
 def test_finished_motions_that_keep_the_limits_come_first_the_others_by_their_worst():
