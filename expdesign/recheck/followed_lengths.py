@@ -106,7 +106,7 @@ def raised_harmonics(robot: Robot, motion: FourierTrajectory, recorded: Recorded
     if not chosen or least >= MOST_HARMONICS:
         return least
     times = motion.sample_times(_POINTS)
-    state = _states(motion, times)
+    state = np.pad(states_at(motion, times), ((0, 0), (0, COORDINATES)))
     forces = deviation.deviating_forces(robot, state, times, None, robot.parameters, chosen)
     lengths = deviation.length_deviation_columns(robot, state, times, chosen)
     tolerances = np.array([each.tolerance for each in chosen])
@@ -130,19 +130,16 @@ def followed_harmonics(
     times = np.arange(_POINTS) * 2 * np.pi / omega / _POINTS
     machine = followed.machine
     try:
-        state = _states(followed, times)
+        state = np.pad(states_at(followed, times), ((0, 0), (0, COORDINATES)))
     except ForwardKinematicsError:
         return max(least, most)
     forces = deviation.deviating_forces(machine, state, times, None, parameters, ())
     poses = state[:, :COORDINATES]
-    jacobian = machine.length_jacobian(poses)
-    slopes, allowed = (jacobian, forces.state_slope, omega), range(least, most)
+    slopes, allowed = (
+        (machine.length_jacobian(poses), forces.state_slope, omega),
+        range(least, most),
+    )
     return recorded.fewest_harmonics(poses[:, :, None], *slopes, allowed, _NEGLIGIBLE_OF_A_MACHINE)
-
-
-def _states(motion: Motion, times: Array) -> Array:
-    """Return λ with its first three derivatives, the last zero, (S, 24)."""
-    return np.pad(states_at(motion, times), ((0, 0), (0, COORDINATES)))
 
 
 def sampled_harmonics(per_period: float) -> int:
