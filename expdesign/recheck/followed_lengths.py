@@ -126,19 +126,16 @@ def followed_harmonics(
     the others stay below half of the sampling frequency. It is the most for a machine that has no
     pose with the lengths of the motion: singular poses are near.
     """
-    most = min(int(recorded.per_period - 1) // 3, _MOST_OF_A_MACHINE)
+    allowed = range(least, min(int(recorded.per_period - 1) // 3, _MOST_OF_A_MACHINE))
     times = np.arange(_POINTS) * 2 * np.pi / omega / _POINTS
     machine = followed.machine
     try:
         state = np.pad(states_at(followed, times), ((0, 0), (0, COORDINATES)))
     except ForwardKinematicsError:
-        return max(least, most)
+        return max(least, allowed.stop)
     forces = deviation.deviating_forces(machine, state, times, None, parameters, ())
     poses = state[:, :COORDINATES]
-    slopes, allowed = (
-        (machine.length_jacobian(poses), forces.state_slope, omega),
-        range(least, most),
-    )
+    slopes = machine.length_jacobian(poses), forces.state_slope, omega
     return recorded.fewest_harmonics(poses[:, :, None], *slopes, allowed, _NEGLIGIBLE_OF_A_MACHINE)
 
 
