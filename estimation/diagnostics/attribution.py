@@ -146,7 +146,6 @@ def attribute(
     step: float,
     *,
     experiments: int = 1,
-    filtered: bool = False,
 ) -> Attribution:
     """Find the effects in the residuals of one experiment.
 
@@ -159,11 +158,8 @@ def attribute(
     experiments : int
         Number of experiments that share the level of the periodic forces; the families state
         their own levels.
-    filtered : bool
-        The filters of the forces are stated: another time constant is a rival of every delay.
     """
-    level = POSITION_PERIODIC / experiments
-    search = Search(system, part, families, step, level, filtered=filtered)
+    search = Search(system, part, families, step, POSITION_PERIODIC / experiments)
     first = last = search.run_tests(())
     response = search.projection.mixed @ first.solution.root.T
     found: list[EffectCandidate] = []

@@ -72,6 +72,17 @@ class Wiring:
         return replace(self, offsets=self.offsets + offset * np.eye(ACTUATORS)[strut])
 
 
+@dataclass(frozen=True)
+class ChannelLag:
+    """Lag of one length or force behind all other channels."""
+
+    group: str
+    """q or Q."""
+    strut: int
+    seconds: float
+    """s."""
+
+
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """A wiring of lengths and forces, and its unexplained forces."""
@@ -87,6 +98,13 @@ class Candidate:
     low_pass: float | None = None
     """Time constant of a low pass of all forces that is a part of their lag, s; None: the lag is
     clearly a delay."""
+    channel_lag: ChannelLag | None = None
+    """Further lag of a single channel."""
+
+    @classmethod
+    def as_measured(cls) -> Candidate:
+        """Return the channels as they were read, with nothing explained."""
+        return cls(Wiring.as_measured(), Wiring.as_measured(), 0.0, 1.0)
 
 
 class ForceFit:

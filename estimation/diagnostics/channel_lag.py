@@ -6,14 +6,20 @@ explains clearly more than a low pass does, and hardly less than both together.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
+from constraints.arrays import Array
+from estimation.diagnostics.channel_fit import ChannelLag
 from estimation.diagnostics.finding import join_words
+from estimation.measurement_model import HarmonicMotion
+from expdesign.configuration.estimate import DataSection
 from expdesign.configuration.tolerances import RobotTolerances
+from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import Robot
 
 LOW_PASS_NODES, LOW_PASS_WEIGHTS = np.polynomial.laguerre.laggauss(16)
@@ -29,6 +35,11 @@ _SMALL_PART = 0.1
 """Decrease by a low pass in addition to a delay, relative to the difference between either alone,
 up to which the lag is a delay: the low pass is less than a quarter of it."""
 _DIGITS = 0.01
+_SHOWN = 0.02
+"""Smallest part of a lag that is stated."""
+_LARGEST_LOW_PASS = 1.5
+"""ωτ of the slowest low pass that the mixture of delays of `estimators.joint_equations` can be."""
+_LEAST_ACCELERATION = 0.01
 
 
 def delays_to_try(step: float, period: float) -> list[float]:
@@ -113,19 +124,80 @@ class LagSearch:
         return float(np.sqrt(2 / curvature)) if curvature > 0 else half
 
 
-def describe_lag(robot: Robot, lag: float, constant: float | None) -> str:
-    """Describe a lag of the forces, s, that may be a delay or a filter."""
+def describe_lag(
+    robot: Robot, lag: float, constant: float | None, stated_delay: float, *, filtered: bool
+) -> str:
+    """Describe a lag of the forces, s, that may be a delay or a filter, and how to state it.
+
+    It is in addition to a stated delay, s, and to stated filters if the forces are `filtered`.
+    """
     if constant is None:
         return (
-            f"the lengths lag behind the forces by about {-1e3 * lag:.3g} ms, or the forces passed "
-            "a faster filter than `data.filter` states"
+            f"the lengths lag behind the forces by about {-1e3 * lag:.3g} ms (not certain), or the "
+            "forces passed a faster filter than `data.filter` states"
         )
-    stated = robot.description.tolerances or RobotTolerances()
-    missing = [name for name in ("delay", "low_pass") if getattr(stated, name) is None]
+    tolerances = robot.description.tolerances or RobotTolerances()
+    missing = [name for name in ("delay", "low_pass") if getattr(tolerances, name) is None]
     rest = join_words(f"`tolerances.{name}`" for name in missing)
+    total = lag + constant
+    known = "State what is known as `data.delay` and `data.filter`"
+    slow = constant > _SHOWN * total and not filtered
+    late = stated_delay + (lag if slow else total)
+    fits = [f"`data.delay: {{forces: {1e3 * late:.3g} ms}}`"] if late > _SHOWN * total else []
+    cutoff = 1 / (2 * np.pi * constant) if slow else 0.0
+    fits += [f"`data.filter: {{Q: {{low_pass: {cutoff:.3g} Hz, order: 1}}}}`"] if slow else []
     return (
-        f"the forces lag behind the lengths by about {1e3 * (lag + constant):.3g} ms in all, by a "
-        f"delay, a low pass or both (best fit: a delay of {1e3 * lag:.2g} ms and a low pass of "
-        f"{1e3 * constant:.2g} ms). State what is known as `data.delay` and `data.filter`"
-        f"{', what is not known as ' * bool(rest)}{rest}"
+        f"the forces lag behind the lengths by about {1e3 * total:.3g} ms in all (not certain), by "
+        f"a delay, a low pass or both (best fit: a delay of {1e3 * lag:.2g} ms and a low pass of "
+        f"{1e3 * constant:.2g} ms). {known}; if nothing is, state the best fit, {join_words(fits)}"
+        f"{', and its uncertainty as ' * bool(rest)}{rest}"
     )
+
+
+def describe_channel_lag(lag: ChannelLag, section: DataSection) -> str:
+    """Describe the lag of a single channel that may be a delay or a filter, and how to state it."""
+    channel = f"{lag.group}{lag.strut + 1}"
+    late = np.array(section.channel_delays(lag.group))
+    late[lag.strut] += lag.seconds
+    delays = ", ".join(f"{1e3 * each:.3g} ms" if each else "0" for each in late)
+    cutoff = 1 / (2 * np.pi * lag.seconds)
+    noun = {"q": "lengths", "Q": "forces"}[lag.group]
+    known = f"{{{noun}: [{delays}]}}"
+    return (
+        f"{channel} lags behind the other channels by about {1e3 * lag.seconds:.3g} ms (not "
+        f"certain), by a delay or a low pass. State the delay, `data.delay: {known}`, or the "
+        f"filter, `data.filter: {{{channel}: {{low_pass: {cutoff:.3g} Hz, order: 1}}}}`"
+    )
+
+
+def slow_low_pass_warning(
+    robot: Robot, motion: HarmonicMotion, constants: Mapping[str, float]
+) -> str:
+    """Return a warning of time constants, s, too long for the model of unknown low passes.
+
+    Empty if there is none.
+    """
+    scale = np.repeat([1.0, robot.characteristic_length], COORDINATES // 2)
+    name, constant = max(constants.items(), key=itemgetter(1), default=("", 0.0))
+    rate = motion.omega * _highest_harmonic(motion, scale)
+    if rate * constant <= _LARGEST_LOW_PASS:
+        return ""
+    group = "q" if name.startswith("length") else "Q"
+    cutoff = 1 / (2 * np.pi * constant)
+    return (
+        f"{name}: a low pass of {1e3 * constant:.3g} ms is too slow for the model of unknown low "
+        f"passes, a mixture of delays: at the highest frequency of the motion, "
+        f"{rate / (2 * np.pi):.3g} Hz, ωτ = {rate * constant:.2g}, and from {_LARGEST_LOW_PASS} on "
+        f"it is wrong by 10 % or more. State the filter, `data.filter: {{{group}: {{low_pass: "
+        f"{cutoff:.3g} Hz, order: 1}}}}`, and as `tolerances.low_pass` its uncertainty alone"
+    )
+
+
+def _highest_harmonic(motion: HarmonicMotion, scale: Array) -> int:
+    """Return the highest harmonic that matters: it and those above have 1 % of the acceleration."""
+    count = motion.harmonics
+    waves = motion.table[:, 1:].reshape(len(motion.table), 2, count)
+    accelerations = waves * scale[:, None, None] * np.arange(1, count + 1) ** 2
+    energy = np.sum(accelerations**2, axis=(0, 1))
+    above = np.cumsum(energy[::-1])[::-1]
+    return int(np.count_nonzero(above > _LEAST_ACCELERATION * above[0]))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from estimation.diagnostics.channel_fit import (
     STRUTS,
     UNITS,
     Candidate,
+    ChannelLag,
     ForceFit,
     Wiring,
     round_factor,
@@ -69,6 +70,12 @@ _EQUAL = 1e-3
 _SMALL = 0.01
 _MOSTLY = 0.4
 """Share of the unexplained forces that a delay or the zero of a length may leave."""
+_STEPS_OF_CHANNEL = (0, 1, 3, 7, 15)
+"""Lags of a single channel, in steps of the recording: ends of ranges that are searched."""
+_OF_LENGTHS = 4
+"""Harmonics of a length that is shifted, relative to those of the motion."""
+_OF_LAG = 0.5
+"""Least decrease by a lag of the channels as measured, relative to that by any of all wirings."""
 _ZERO_DIGITS = 0.05
 _ZEROS = np.array([-16, -8, -4, -2, -1, 0, 1, 2, 4, 8, 16])
 """Errors of a length's zero that are tried, in smallest faults."""
@@ -144,6 +151,7 @@ class ChannelSearch:
         share = float(np.sum(self._variances) / np.sum(self.forces**2))
         self.least_decrease = LEAST * share / self.forces.size
         self.spread = share * float(np.sqrt(2 / self.forces.size))
+        self._harmonics = min(_OF_LENGTHS * harmonics, (len(self.readings) - 1) // 2)
         most = min(harmonics, (len(self.readings) - 1) // 2)
         basis = PhaseBasis.at(self.omega * self.length_times, most)
         self._to_series = np.asarray(np.linalg.pinv(basis.value), np.float64)
@@ -163,13 +171,26 @@ class ChannelSearch:
                 return unit
         return None
 
-    def motion(self, lengths: Wiring, near: HarmonicMotion | None = None) -> HarmonicMotion:
+    def motion(
+        self,
+        lengths: Wiring,
+        near: HarmonicMotion | None = None,
+        lag: ChannelLag | None = None,
+    ) -> HarmonicMotion:
         """Return the motion with the readings nearest to the measured lengths.
 
         Damped Newton steps, one row at a time, from a near motion or from home; lengths that no
-        pose has end at a near one.
+        pose has end at a near one. With the lag of one of the lengths, its readings are shifted
+        along their Fourier series.
         """
         wanted = lengths.apply(self.readings) + self.zeros
+        if lag is not None and lag.group == "q":
+            now, late = (
+                PhaseBasis.at(self.omega * (self.length_times + shift), self._harmonics).value
+                for shift in (0.0, lag.seconds)
+            )
+            series = np.linalg.lstsq(now, wanted[:, lag.strut], rcond=None)[0]
+            wanted[:, lag.strut] += (late - now) @ series
         home = np.broadcast_to(self.robot.home, wanted.shape)
         poses = home if near is None else near.at(self.length_times).pose()
         largest = _LARGEST_STEP * self.robot.characteristic_length
@@ -209,13 +230,12 @@ class ChannelSearch:
 
         Forces with all signs reversed explain nothing.
         """
-        lengths = forces = Wiring.as_measured()
-        motion = self.motion(lengths)
+        measured = Candidate.as_measured()
+        motion = self.motion(measured.lengths)
         fit = self.fit(motion)
-        excess = fit.excess(forces)
-        if self._orient(forces, fit, motion, 0.0) is not forces:
-            excess = 1.0
-        return Candidate(lengths, forces, 0.0, excess)
+        if self._orient(measured.forces, fit, motion, 0.0) is not measured.forces:
+            return measured
+        return replace(measured, excess=fit.excess(measured.forces))
 
     def _orient(
         self, forces: Wiring, fit: ForceFit, motion: HarmonicMotion, delay: float
@@ -259,6 +279,11 @@ class ChannelSearch:
         least = max(self.least_decrease, _EQUAL, (_MUCH_BETTER - 1) * self.left(excess))
         return other - excess > least
 
+    def least(self, found: Candidate) -> float:
+        """Return the least decrease for a wiring; a smaller one for nothing but a lag."""
+        as_measured = not self._differs(found, Candidate.as_measured())
+        return _OF_LAG * self.least_decrease if found.delay and as_measured else self.least_decrease
+
     def left(self, excess: float) -> float:
         """Return the part of an unexplained share that is not noise."""
         return max(excess - SPREADS * self.spread, 0.0)
@@ -291,7 +316,7 @@ class ChannelSearch:
         tried = [best, *(self.candidate(one, 0.0) for one in plainer)]
         best = min(tried, key=lambda each: each.excess)
         for _ in range(_ROUNDS):
-            if self.left(best.excess) < _SMALL:
+            if self.left(best.excess) < _SMALL or best.channel_lag is not None:
                 break
             tried = [self.candidate(*each) for each in self._neighbours(best, known is not None)]
             if not tried:
@@ -299,7 +324,8 @@ class ChannelSearch:
             found = min(tried, key=lambda one: one.excess)
             others = (one.excess for one in tried if self._differs(one, found))
             found = replace(found, next_best=min(found.next_best, *others, np.inf))
-            refined = (self._with_delay(best), *self._zeros(best, 1 - _LEAST_SHARE))
+            late = self._with_lag(best), self._with_channel_lag(best)
+            refined = *late, *self._zeros(best, 1 - _LEAST_SHARE)
             moved = min(refined, key=lambda one: one.excess)
             if moved.excess < found.excess and self._is_no_imitation(best, moved):
                 found = moved
@@ -308,22 +334,27 @@ class ChannelSearch:
             best = found
         best = self._without_small_zeros(best)
         for _ in range(_ROUNDS):
-            # A delay decreases the excess by more than this has of uncertainty in the noise.
-            tried = [self._with_delay(best)]
+            if best.channel_lag is not None:
+                break
+            tried = [self._with_lag(best), self._with_channel_lag(best)]
             if best.excess > self.least_decrease:
                 tried += self._zeros(best, _MOSTLY)
             found, *rest = sorted(tried, key=lambda one: one.excess)
             decrease = best.excess - found.excess
-            least = max(self.least_decrease, (1 / _MOSTLY - 1) * found.excess)
+            # What is left may be an error of the noise, which is the same with and without a lag.
+            least = max(self.least(found), (1 / _MOSTLY - 1) * self.left(found.excess))
             if decrease < least or not self._is_no_imitation(best, found):
                 break
             best = replace(
                 found, next_best=min([found.next_best, *(one.excess for one in rest[:1])])
             )
-        if best.delay > 0:
-            lag = self.lag_search(best).split(_lag_of(best))
-            best = _with_lag(best, lag)
-        return self._simplest(best)
+        return self._simplest(self._split_lag(best))
+
+    def _split_lag(self, found: Candidate) -> Candidate:
+        """Return the wiring with a lag that is not clearly a delay as a delay and a low pass."""
+        if found.delay <= 0 or found.low_pass is not None:
+            return found
+        return _with_lag(found, self.lag_search(found).split(_lag_of(found)))
 
     def lag_search(self, found: Candidate) -> LagSearch:
         """Return the search for the lag of the forces with a wiring."""
@@ -369,8 +400,8 @@ class ChannelSearch:
         lengths = found.lengths
         large = np.abs(lengths.offsets) >= self.least_zeros
         lengths = replace(lengths, offsets=np.where(large, lengths.offsets, 0.0))
-        excess = self.fit(self.motion(lengths), found.delay).excess(found.forces)
-        found = replace(found, lengths=lengths, excess=excess)
+        found = replace(found, lengths=lengths)
+        found = replace(found, excess=self._excess_of_lag(found, found.channel_lag))
         return self._at_delay(found, found.delay) if found.delay else found
 
     def _is_no_imitation(self, present: Candidate, found: Candidate) -> bool:
@@ -379,7 +410,7 @@ class ChannelSearch:
         The effects are a constant force, a spring, a gain and an inertia.
         """
         motion = self.motion(present.lengths)
-        columns = self.columns(motion, present.delay)
+        columns = self.columns(motion, present.delay, present.low_pass or 0.0)
         fit = ForceFit(columns, self.forces, self._variances)
         forces = present.forces.apply(self.forces)
         model = columns @ fit.parameters(present.forces)
@@ -400,7 +431,7 @@ class ChannelSearch:
             explained = np.sum(shape * rest, axis=0)[seen] ** 2 / left[seen]
             most = max(most, float(np.max(explained, initial=0.0)))
         decrease = present.excess - found.excess
-        return decrease > max(self.least_decrease, most / float(np.sum(forces**2)))
+        return decrease > max(self.least(found), most / float(np.sum(forces**2)))
 
     def _differs(self, one: Candidate, other: Candidate) -> bool:
         """Return whether order, sign, scale or zero of a channel differ."""
@@ -424,14 +455,51 @@ class ChannelSearch:
             for factor in (-1.0, *_FACTORS):
                 yield lengths.scale(strut, factor), delay
 
-    def _with_delay(self, present: Candidate) -> Candidate:
-        """Return the wiring with the best delay, if it is a fault."""
+    def _with_lag(self, present: Candidate) -> Candidate:
+        """Return the wiring with the best delay, or delay and low pass, if it is a fault."""
         excess = self.lag_search(present).excess
         delays = [(excess(late, 0.0), late) for late in self._delays]
         if not delays:  # a period of ten samples has no room for any
             return present
         later = self._at_delay(present, min(delays)[1])
-        return later if abs(later.delay) >= self.least_delay else present
+        if abs(later.delay) < self.least_delay:
+            return present
+        # A delay alone may leave most of a low pass.
+        noticed = present.excess - later.excess > self.least(later)
+        return self._split_lag(later) if noticed else later
+
+    def _with_channel_lag(self, present: Candidate) -> Candidate:
+        """Return the wiring with the lag of the single channel that explains most, if any."""
+        if present.channel_lag is not None:
+            return present
+
+        def late(group: str, strut: int, seconds: float) -> Candidate:
+            lag = ChannelLag(group, strut, seconds)
+            return replace(present, channel_lag=lag, excess=self._excess_of_lag(present, lag))
+
+        places = list(product("qQ", range(ACTUATORS)))
+        tried = {
+            (place, number): late(*place, steps * self.step).excess
+            for place in places
+            for number, steps in enumerate(_STEPS_OF_CHANNEL[1:-1], 1)
+        }
+        place, number = min(tried, key=lambda each: tried[each])
+        found = minimize_scalar(
+            lambda seconds: late(*place, seconds).excess,
+            bounds=[_STEPS_OF_CHANNEL[number + by] * self.step for by in (-1, 1)],
+            method="bounded",
+            options={"xatol": _ZERO_DIGITS * self.step},
+        )
+        return late(*place, float(found.x)) if found.x >= self.least_delay else present
+
+    def _excess_of_lag(self, present: Candidate, lag: ChannelLag | None) -> float:
+        """Return the unexplained share of the forces with the lag of one channel, if any."""
+        motion = self.motion(present.lengths, lag=lag)
+        columns = self.columns(motion, present.delay, present.low_pass or 0.0)
+        if lag is not None and lag.group == "Q":
+            late = self.columns(motion, present.delay + lag.seconds, present.low_pass or 0.0)
+            columns[:, lag.strut] = late[:, lag.strut]
+        return ForceFit(columns, self.forces, self._variances).excess(present.forces)
 
     def _zeros(self, present: Candidate, most: float) -> Iterator[Candidate]:
         """Yield wirings with another zero of one length.
@@ -453,7 +521,7 @@ class ChannelSearch:
 
         def excess(offset: float) -> float:
             motion = self.motion(present.lengths.shift(strut, offset), near)
-            return self.fit(motion, present.delay).excess(present.forces)
+            return self.fit(motion, present.delay, present.low_pass or 0.0).excess(present.forces)
 
         # On both sides: the curve is no parabola far from the minimum, and may mislead near zero.
         step = self.least_zeros[strut]

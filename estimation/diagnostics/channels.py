@@ -16,7 +16,7 @@ import numpy as np
 
 from constraints.arrays import Array, Mask
 from estimation.diagnostics.channel_fit import UNITS, Candidate
-from estimation.diagnostics.channel_lag import describe_lag
+from estimation.diagnostics.channel_lag import describe_channel_lag, describe_lag
 from estimation.diagnostics.channel_search import ChannelSearch
 from estimation.diagnostics.finding import Assumption, Finding, join_words
 from estimation.processing import NoiseModel, PeriodicRecording
@@ -160,7 +160,7 @@ def check_channels(
     given = search.candidate_as_measured()
     found = search.search(design)
     left, gain = search.left(found.excess), given.excess - found.excess
-    explained = gain / (gain + left) if gain > search.least_decrease else 0.0
+    explained = gain / (gain + left) if gain > search.least(found) else 0.0
     if from_home:  # lengths from zero explain nothing: no pose has them
         explained = 1 - left
     as_given, noise_share = search.explained_variation(given)
@@ -168,16 +168,20 @@ def check_channels(
     none = max(as_given, of_found) < max(_LITTLE * (1 - noise_share), _LEAST_EXPLAINED)
     late_error = search.delay_error(found) if found.delay else 0.0
     gain_errors = search.gain_errors(found)
-    ambiguous = found.low_pass is not None or (
-        found.delay < 0 and any(section.channel_filters("Q"))
-    )
-    lag = describe_lag(robot, found.delay, found.low_pass) if ambiguous else ""
+    filtered = any(section.channel_filters("Q"))
+    ambiguous = found.low_pass is not None or (found.delay < 0 and filtered)
+    lag = ""
+    if ambiguous:
+        stated = float(np.mean(section.channel_delays("Q")))
+        lag = describe_lag(robot, found.delay, found.low_pass, stated, filtered=filtered)
+    elif found.channel_lag is not None:
+        lag = describe_channel_lag(found.channel_lag, section)
     found = replace(found, delay=0.0) if ambiguous else found
     faults = tuple(_faults(found, late_error, gain_errors))
     margin = found.next_best - found.excess
     sure = left < _LEFT and margin > max(_CLEAR * left, search.least_decrease)
     # Channels that explain mean forces alone, behind a low pass of all variation, are not certain.
-    sure = sure and of_found > _LEAST_CERTAIN_SHARE
+    sure = sure and found.channel_lag is None and of_found > _LEAST_CERTAIN_SHARE
     sure = sure and float(np.max(gain_errors)) < _LEAST_CERTAIN_GAIN
     shown = explained, as_given, noise_share
     if explained < _EXPLAINED or (none and not sure):

@@ -267,7 +267,6 @@ def _diagnose_experiment(
         families,
         experiment.recording.step,
         experiments=shares,
-        filtered=experiment.recording.forces.response is not None,
     )
     tolerant = system.with_tolerances(*tolerated)
     explained = attribution.last.solution

@@ -112,11 +112,8 @@ class Search:
         families: tuple[Hypothesis, ...],
         step: float,
         level: float,
-        *,
-        filtered: bool = False,
     ) -> None:
         self.system, self.part, self.families = system, part, families
-        self.filtered = filtered
         self.step, self.level = step, level
         columns = [hypothesis.columns for hypothesis in families]
         self.signature = Signature.concatenate([Signature.none(part), *columns])
@@ -325,16 +322,18 @@ class Search:
             fit = self._fit(rival, conditional)
             if not rival.is_possible(fit.values, fit.covariance):
                 continue
-            # A filter that is stated wrongly is no exact low pass, and part of what it delays.
-            is_filter = self.filtered and _is_same_lag(item, rival)
+            # A delay and a low pass act together if either is significant given the other.
+            together = _is_same_lag(item, rival) and self._is_significant(
+                rival, self.fit_given(rival, [*others, item])
+            )
             # Given a rival, the item's statistic is at least the difference of both statistics.
             least = own.statistic - fit.statistic
-            if not is_filter and self._is_significant(
+            if not together and self._is_significant(
                 item, EffectFit(max(least, 0.0), own.rank, own.values, own.covariance)
             ):
                 continue
             given = [*others, rival]
-            if not is_filter and self._is_significant(item, self.fit_given(item, given)):
+            if not together and self._is_significant(item, self.fit_given(item, given)):
                 continue
             if rival.name not in found or log_p < found[rival.name][1]:
                 found[rival.name] = (rival, log_p)

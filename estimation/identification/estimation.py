@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import combinations
@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement, add_motors
+from estimation.diagnostics.channel_lag import slow_low_pass_warning
 from estimation.diagnostics.channels import ChannelCheck
 from estimation.estimators import (
     Experiment,
@@ -41,7 +42,7 @@ from estimation.identification.recording import (
     with_residual_noise,
 )
 from estimation.identification.term_selection import Selection
-from estimation.measurement_model import Motion, SplineMotion
+from estimation.measurement_model import HarmonicMotion, Motion, SplineMotion
 from estimation.processing import PeriodSource
 from estimation.uncertainty.consistency import ConsistentEstimate, consistent_estimate
 from estimation.uncertainty.intervals import (
@@ -56,7 +57,7 @@ from expdesign.configuration.run import add_terms
 from expdesign.configuration.tolerances import Identification
 from expdesign.progress import report_progress, track
 from expdesign.robot import Robot, robot_from
-from expdesign.robot.deviation import Deviation, toleranced_deviations
+from expdesign.robot.deviation import Deviation, low_passes, toleranced_deviations
 from expdesign.trajectory import FourierTrajectory
 
 
@@ -162,7 +163,8 @@ def estimate_parameters(
             *configuration.warnings,
             *(warning for measurement in data for warning in measurement.warnings),
             *(() if selection is None else selection.warnings),
-            *_warnings(recordings, priors, estimates),
+            *_warnings(recordings, channels, priors, estimates),
+            *_low_pass_warnings(robot_from(configuration.robot), recordings, best),
             *(
                 f"{name}: {_inconsistency(configuration)}"
                 for name, found in consistent.items()
@@ -388,13 +390,31 @@ def _refuse_none_or_repeated(data: Sequence[Measurement], prior: Identification 
                 allowed="recordings that the prior does not contain, or no prior",
             )
     for (first, one), (second, other) in combinations(enumerate(data, 1), 2):
-        if np.array_equal(one.forces, other.forces) and np.array_equal(one.lengths, other.lengths):
+        shared = _shared_rows(one, other)
+        if shared > _FEW_ROWS * min(len(one.time), len(other.time)):
+            same = shared == len(one.time) == len(other.time)
+            how = "are the same" if same else f"have {shared} rows in common"
             raise UnsuitableDataError(
-                f"recordings {first} and {second} are the same: a repeated recording adds no "
-                "information",
+                f"recordings {first} and {second} {how}: what is repeated adds no information, and "
+                "its noise would count as independent",
                 file=Path(other.source) if other.source else None,
-                allowed="each recording once",
+                allowed="each recording once, and windows of one file that do not overlap",
             )
+
+
+_FEW_ROWS = 0.005
+"""Share of the rows that two recordings may have in common."""
+
+
+def _shared_rows(one: Measurement, other: Measurement) -> int:
+    """Return the number of equal rows in two recordings, with the same distance in time.
+
+    Rows that are equal by chance, as at rest, have different distances.
+    """
+    rows = [np.concatenate([each.lengths, each.forces], axis=1) for each in (one, other)]
+    own, others = (r.view(np.dtype((np.void, r.itemsize * r.shape[1])))[:, 0] for r in rows)
+    _, first, second = np.intersect1d(own, others, return_indices=True)
+    return int(np.max(np.unique(first - second, return_counts=True)[1], initial=0))
 
 
 def _refuse_selection(
@@ -447,6 +467,24 @@ def _inconsistency(configuration: RunConfiguration) -> str:
     )
 
 
+def _low_pass_warnings(
+    stated: Robot, recordings: Sequence[PreparedRecording], best: ParameterEstimate
+) -> Iterator[str]:
+    """Yield the warnings of estimated low passes slower than their model, unlike their tolerances.
+
+    Tolerances are warned of with the motion (`prepare_recording`).
+    """
+    found = {} if best.systematic is None else best.systematic.estimates
+    tolerances = {one.name: one.tolerance for one in low_passes(stated)}
+    constants = {name: found.get(name, 0.0) for name in tolerances}
+    for recording in recordings:
+        fit = recording.experiment.fit
+        if fit is not None and isinstance(fit.motion, HarmonicMotion):
+            warning = slow_low_pass_warning(stated, fit.motion, constants)
+            if warning and not slow_low_pass_warning(stated, fit.motion, tolerances):
+                yield warning
+
+
 _FAR = 3.0
 """Most standard deviations of LS and GM between their parameters and those of ML: they add the
 effects of tolerances that ML estimates, and the noise is the same."""
@@ -454,11 +492,12 @@ effects of tolerances that ML estimates, and the noise is the same."""
 
 def _warnings(
     recordings: Sequence[PreparedRecording],
+    channels: Sequence[ChannelCheck],
     priors: ParameterPriors,
     estimates: Mapping[str, ParameterEstimate],
 ) -> list[str]:
     found = []
-    for recording in recordings:
+    for recording, check in zip(recordings, channels, strict=True):
         where = f"{recording.source}: " if recording.source and len(recordings) > 1 else ""
         dropped = recording.experiment.recording.dropped
         if dropped:
@@ -487,7 +526,7 @@ def _warnings(
             )
             if own.includes_model_error and single is None
         ]
-        found += [where + warning for warning in recording.warnings]
+        found += [where + warning for warning in (*recording.warnings, check.lag) if warning]
         if recording.experiment.harmonics_left_out:
             found.append(
                 f"{where}the forces show {recording.experiment.harmonics} harmonics of the motion, "

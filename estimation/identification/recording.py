@@ -19,6 +19,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.data.measurement import Measurement
+from estimation.diagnostics.channel_lag import slow_low_pass_warning
 from estimation.diagnostics.channels import ChannelCheck, check_channels
 from estimation.estimators import Experiment, ParameterPriors, linear_estimate
 from estimation.estimators.experiment import MotionEstimate
@@ -57,7 +58,7 @@ from expdesign.configuration.estimate import SpectrumOrigin
 from expdesign.noise import NoiseSpectrum
 from expdesign.recheck.followed_lengths import raised_harmonics, sampled_harmonics
 from expdesign.robot import Robot
-from expdesign.robot.deviation import toleranced_deviations
+from expdesign.robot.deviation import low_passes, toleranced_deviations
 from expdesign.trajectory import FourierTrajectory
 
 _CUTOFF = 3.0
@@ -132,6 +133,8 @@ def prepare_recording(
             "tolerances ask for: joints or zeros of lengths are elsewhere than stated. The motion "
             f"is taken with {fit.motion.harmonics}"
         )
+    stated = {each.name: each.tolerance for each in low_passes(robot)}
+    warnings.append(slow_low_pass_warning(robot, fit.series, stated))
     experiment = Experiment.from_fit(robot, recording, noise, fit).without_lacking_terms(robot)
     if fitted.linear is not None:
         known = fitted.linear

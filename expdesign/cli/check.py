@@ -147,7 +147,7 @@ def show_channels(run: str, data: Path, design: Path | None, *, as_json: bool) -
         "and the robot file those of the recording?"
     )
     doubts = [doubt] if found.unexplained and not failure else []
-    doubts += [f"{found.lag} (not certain)"] if found.lag else []
+    doubts += [found.lag] if found.lag else []
     if as_json:
         faults = [{"place": place, "sentence": sentence} for place, sentence in found.faults]
         shares = {key: getattr(found, key) for key in ("explained", "as_given", "noise")}

@@ -132,6 +132,12 @@ def toleranced_deviations(robot: Robot) -> tuple[Deviation, ...]:
     return tuple(each for each in deviations(robot) if each.tolerance > 0)
 
 
+def low_passes(robot: Robot) -> tuple[Deviation, ...]:
+    """Return the time constants of low passes with a tolerance."""
+    groups = LOW_PASSES.values()
+    return tuple(each for each in toleranced_deviations(robot) if each.group in groups)
+
+
 def estimated_constants(robot: Robot) -> tuple[Deviation, ...]:
     """Return the constants of terms that the robot file marks for estimation.
 

@@ -190,18 +190,31 @@ def test_a_delay_of_a_sample():
     assert "`data.delay: {forces: 5" in finding.advice
 
 
-def test_a_delay_behind_a_filter_that_is_stated_too_fast_is_not_certain():
-    """Its size is that of delay and filter together, and both are named."""
-    data = behind_a_low_pass(recording(3, 0.3), 2e-3, 2e-3)
-    case = run({"estimators": ["gm"]}, data={"filter": {"Q": {"low_pass": 1 / (2 * np.pi * 1e-3)}}})
+def first_effect_behind_a_filter(seed, delay, constant, stated):
+    """Return the diagnosis of GM behind a low pass that is stated with another time constant."""
+    data = behind_a_low_pass(recording(seed, 0.3), delay, constant)
+    low_pass = {"low_pass": 1 / (2 * np.pi * stated)}
+    case = run({"estimators": ["gm"]}, data={"filter": {"Q": low_pass}})
     data = replace(data, force_sensors=SensorResponse.of(case.run.data, "Q"))
     diagnostics = estimate(case, data).diagnostics
-    first = diagnostics.recordings[0].tests.effects[0]
-    assert first.kind in ("delay", "low_pass")
-    assert not first.certain
-    assert {"delay", "low_pass"} == {first.kind, *(one.kind for one in first.rivals)}
-    sentence = diagnostics.verdict.findings[0].sentence
-    assert sentence.endswith("of the forces, or both, with this lag in all")
+    return diagnostics.recordings[0].tests.effects[0], diagnostics.verdict.findings[0].sentence
+
+
+def test_a_delay_behind_a_filter_that_is_stated_too_fast_is_not_certain():
+    """Its size is that of delay and filter together, and both are named, in every recording."""
+    for seed in range(3, 6):
+        first, sentence = first_effect_behind_a_filter(seed, 2e-3, 2e-3, 1e-3)
+        assert first.kind in ("delay", "low_pass")
+        assert not first.certain
+        assert {"delay", "low_pass"} == {first.kind, *(one.kind for one in first.rivals)}
+        assert sentence.endswith("of the forces, or both, with this lag in all")
+
+
+def test_a_delay_behind_a_filter_that_is_stated_right_is_certain():
+    """No low pass is its rival by rule: it explains nothing in addition."""
+    found = [first_effect_behind_a_filter(seed, 1e-2, 1e-2, 1e-2)[0] for seed in range(3, 6)]
+    assert all(one.kind == "delay" for one in found)
+    assert sum(one.certain for one in found) >= 2
 
 
 def test_a_delay_that_hides_in_the_uncertainty_of_the_noise():
@@ -241,15 +254,20 @@ def test_a_lag_behind_an_unknown_low_pass(delay, constant, tolerances):
 
 
 def test_a_lag_behind_a_stated_filter_is_certain():
-    delay, constant = 1e-2, 1e-2
-    data = behind_a_low_pass(recording(3, 0.3), delay, constant)
+    """In seven of ten recordings at least; in the others it is stated as not certain."""
+    delay, constant, certain, right = 1e-2, 1e-2, 0, 0
     case = run(data={"filter": {"Q": {"low_pass": 1 / (2 * np.pi * constant)}}})
-    data = replace(data, force_sensors=SensorResponse.of(case.run.data, "Q"))
-    folded = fold_measurement(case, data, MOTION)
-    found = check_channels(ROBOT, case.run.data, *folded, MOTION.harmonics, MOTION)
-    assert found.sure
-    late = float(found.faults[0][1].split("lengths by ")[1].split()[0])
-    assert late == pytest.approx(1e3 * delay, abs=1)
+    for seed in range(10):
+        data = behind_a_low_pass(recording(seed, 0.3), delay, constant)
+        data = replace(data, force_sensors=SensorResponse.of(case.run.data, "Q"))
+        folded = fold_measurement(case, data, MOTION)
+        found = check_channels(ROBOT, case.run.data, *folded, MOTION.harmonics, MOTION)
+        stated = found.faults[0][1].split("lengths by ")[1] if found.faults else ""
+        late = float((stated or found.lag.split("by about ")[1]).split()[0])
+        right += abs(late - 1e3 * delay) < 1
+        certain += found.sure
+    assert right >= 9
+    assert certain >= 7
 
 
 @pytest.mark.parametrize(("factor", "size"), [(0.5, "small"), (2.0, "large")])

@@ -136,3 +136,18 @@ def test_a_recording_that_is_given_twice_is_refused():
     data, other = (measured(motion, seed, step=0.01) for seed in (1, 2))
     with pytest.raises(UnsuitableDataError, match="recordings 1 and 3 are the same"):
         estimate_parameters(run(), [data, other, replace(data, source="again.csv")], motion)
+
+
+def test_windows_of_one_file_that_overlap_are_refused():
+    """By their rows, whatever the files are called; windows one after the other are two."""
+    motion = trajectory(100, 0.01)
+    data = measured(motion, 1, periods=8, step=0.01)
+
+    def window(first, last):
+        values = {name: getattr(data, name)[first:last] for name in ("time", "lengths", "forces")}
+        return replace(data, source=f"{first}.csv", **values)
+
+    with pytest.raises(UnsuitableDataError, match="1 and 2 have 100 rows in common"):
+        estimate_parameters(run(), [window(0, 500), window(400, 800)], motion)
+    found = estimate_parameters(run({"estimators": ["ls"]}), [window(0, 400), window(400, 800)])
+    assert len(found.recordings) == 2
