@@ -345,9 +345,9 @@ class ChannelSearch:
             least = max(self.least(found), (1 / _MOSTLY - 1) * self.left(found.excess))
             if decrease < least or not self._is_no_imitation(best, found):
                 break
-            best = replace(
-                found, next_best=min([found.next_best, *(one.excess for one in rest[:1])])
-            )
+            # The lag of one channel is a part of that of all, and no other wiring.
+            others = [one.excess for one in rest if one.channel_lag is None]
+            best = replace(found, next_best=min([found.next_best, *others]))
         return self._simplest(self._split_lag(best))
 
     def _split_lag(self, found: Candidate) -> Candidate:
