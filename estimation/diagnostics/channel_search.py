@@ -346,8 +346,8 @@ class ChannelSearch:
             if decrease < least or not self._is_no_imitation(best, found):
                 break
             # The lag of one channel is a part of that of all, and no other wiring.
-            others = [one.excess for one in rest if one.channel_lag is None]
-            best = replace(found, next_best=min([found.next_best, *others]))
+            next_ones = [one.excess for one in rest if one.channel_lag is None]
+            best = replace(found, next_best=min([found.next_best, *next_ones]))
         return self._simplest(self._split_lag(best))
 
     def _split_lag(self, found: Candidate) -> Candidate:
