@@ -258,6 +258,7 @@ def run_estimators(
     }
     if "ml" in wanted:
         found, present, longer = results["gm"], None, list(experiments)
+        # It ends: harmonics only grow, to a third of the samples of a period at most.
         while longer != present:
             present = longer
             found = maximum_likelihood(robot, present, priors, found, deviations)
