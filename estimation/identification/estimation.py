@@ -10,6 +10,7 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from constraints.arrays import Array
@@ -390,8 +391,12 @@ def _refuse_none_or_repeated(data: Sequence[Measurement], prior: Identification 
                 file=Path(one.source) if one.source else None,
                 allowed="recordings that the prior does not contain, or no prior",
             )
-    for (first, one), (second, other) in combinations(enumerate(data, 1), 2):
-        shared = _shared_rows(one, other)
+    if len(data) == 1:
+        return
+    blocks = map(_moving_blocks, data)
+    given = zip(range(1, len(data) + 1), data, blocks, strict=True)
+    for (first, one, own), (second, other, others) in combinations(given, 2):
+        shared = _shared_rows(one, other, own, others)
         if shared > _FEW_ROWS * min(len(one.time), len(other.time)):
             same = shared == len(one.time) == len(other.time)
             how = "are the same" if same else f"have {shared} rows in common"
@@ -405,17 +410,40 @@ def _refuse_none_or_repeated(data: Sequence[Measurement], prior: Identification 
 
 _FEW_ROWS = 0.005
 """Share of the rows that two recordings may have in common."""
+_BLOCK = 10
+"""Moving rows in sequence that are not equal in two recordings by chance."""
+_Blocks = tuple[NDArray[np.intp], Array]
 
 
-def _shared_rows(one: Measurement, other: Measurement) -> int:
-    """Return the number of equal rows in two recordings, with the same distance in time.
+def _moving_blocks(data: Measurement) -> _Blocks:
+    """Return where blocks of rows begin, and numbers that are equal for equal blocks only.
 
-    Rows that are equal by chance, as at rest, have different distances.
+    A block has ten rows with other lengths than the row before. Rows at rest may be equal by
+    chance.
     """
+    places = 1 + np.flatnonzero(np.any(np.diff(data.lengths, axis=0), axis=1))
+    values = *data.lengths[places].T, *data.forces[places].T, np.diff(places, prepend=0)
+    # Sums with irrational weights are equal only if all terms are.
+    weights = np.sqrt(np.arange(2, 2 + len(values)))
+    rows = np.sum([weight * each for weight, each in zip(weights, values, strict=True)], axis=0)
+    count = max(len(places) - _BLOCK + 1, 0)
+    shifted = [weight * rows[i : i + count] for i, weight in enumerate(weights[:_BLOCK])]
+    return places[:count], np.sum(shifted, axis=0)
+
+
+def _shared_rows(one: Measurement, other: Measurement, own: _Blocks, others: _Blocks) -> int:
+    """Return the number of equal rows at the distance of most equal blocks; 0 without one."""
+    (places, blocks), (other_places, other_blocks) = own, others
+    few = max(int(_FEW_ROWS / 2 * len(blocks)), 1)
+    if not np.any(np.isin(other_blocks, blocks[::few])):
+        return 0
+    _, first, second = np.intersect1d(blocks, other_blocks, return_indices=True)
+    distances, counts = np.unique(places[first] - other_places[second], return_counts=True)
+    later = int(distances[np.argmax(counts)])
     rows = [np.concatenate([each.lengths, each.forces], axis=1) for each in (one, other)]
-    own, others = (r.view(np.dtype((np.void, r.itemsize * r.shape[1])))[:, 0] for r in rows)
-    _, first, second = np.intersect1d(own, others, return_indices=True)
-    return int(np.max(np.unique(first - second, return_counts=True)[1], initial=0))
+    length = min(len(rows[0]) - max(later, 0), len(rows[1]) - max(-later, 0))
+    aligned = (rows[i][max(by, 0) :][:length] for i, by in enumerate((later, -later)))
+    return int(np.count_nonzero(np.all(np.equal(*aligned), axis=1)))
 
 
 def _refuse_selection(

@@ -151,3 +151,27 @@ def test_windows_of_one_file_that_overlap_are_refused():
         estimate_parameters(run(), [window(0, 500), window(400, 800)], motion)
     found = estimate_parameters(run({"estimators": ["ls"]}), [window(0, 400), window(400, 800)])
     assert len(found.recordings) == 2
+
+
+@pytest.mark.parametrize("resolution", [1.0, 0.5])
+def test_short_recordings_that_begin_at_rest_are_different(resolution):
+    """Rows at rest are often equal in coarse units: no pair of ten is refused, but an overlap."""
+    motion = trajectory(100, 0.01)
+    moving = measured(motion, 1, periods=5, step=0.01, force_scale=0.0, length_scale=0.0)
+    rest = 60
+    start = np.r_[np.zeros(rest, dtype=int), np.arange(440)]
+    time = 0.01 * np.arange(500)
+
+    def recording(seed, rows=slice(300)):
+        rng = np.random.default_rng(seed)
+        forces = moving.forces[start] + rng.normal(0, 0.35, (500, 6))
+        jitter = rng.normal(0, 1e-5, (500, 6))
+        jitter[:rest] = 0
+        lengths = np.round((moving.lengths[start] + jitter) / 1e-6) * 1e-6
+        forces = np.round(forces / resolution) * resolution
+        return Measurement(time[rows], lengths[rows], forces[rows], 0.01)
+
+    data = [recording(seed) for seed in range(10)]
+    # Pairs are compared in their order: the last one is refused, so that no other was.
+    with pytest.raises(UnsuitableDataError, match="10 and 11 have 100 rows in common"):
+        estimate_parameters(run(), [*data, recording(9, slice(200, 500))], motion)
