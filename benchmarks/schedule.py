@@ -3,7 +3,8 @@
 The search runs once in this process, where the processor time of every job is taken. Its decisions
 and the same results then follow the clock of a simulated machine with any number of cores; a proof
 that is not done ahead runs again each time, in as many parts as that machine would have. Jobs ahead
-whose results are not used take the median time of their kind. On the cores of this machine the
+whose results are not used take the median time of their kind. The time of the process that
+distributes the jobs, and of starting workers, is not simulated. On the cores of this machine the
 search runs again, to compare.
 """
 
@@ -182,8 +183,8 @@ class _SimulatedRunner:
         self._take_own_time()
         return self._workers - (self._companions > self.now)
 
-    def knows(self, job: Job) -> bool:
-        """Return whether a job is done or under way, ahead."""
+    def has_begun(self, job: Job) -> bool:
+        """Return whether a job has begun ahead, or its result is known."""
         return _key(job) in self._begun | self._known.keys()
 
     def known(self, job: Job) -> Any:
@@ -223,7 +224,7 @@ class _SimulatedRunner:
         while waiting or busy:
             while waiting:
                 key = _key(waiting[0]) if foresee else None
-                is_free = self.knows(waiting[0]) if key else False
+                is_free = self.has_begun(waiting[0]) if key else False
                 is_free = is_free or len(busy) + len(self._ahead) < self._workers
                 if not is_free and not self._end_one(()):
                     break
@@ -238,8 +239,8 @@ class _SimulatedRunner:
                     required.add(key)
                 heapq.heappush(busy, (end, next(numbers), place, key, result))
             if foresee and len(busy) < self._workers:
-                is_lasting = max(left, len(busy)) < self._workers
-                foreseen = foresee(self.known, is_lasting)
+                is_idle_for_long = max(left, len(busy)) < self._workers
+                foreseen = foresee(self.known, is_idle_for_long)
                 self._begin_ahead(foreseen, required, self._workers - len(busy))
             first = min(self._ahead, key=self._ahead.__getitem__, default=None)
             if first is not None and self._ahead[first] < busy[0][0]:

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import pairwise, zip_longest
 from operator import attrgetter
 
@@ -87,8 +86,8 @@ class SearchResult:
     interrupted: bool
     seconds: float
     cpu_seconds: float
-    """Processor time of all starts, hops, finishes and proofs in all processes, without building
-    the problem and its derivatives."""
+    """Processor time of the starts, hops, finishes and proofs whose results were used, in all
+    processes, without building the problem and its derivatives."""
     ended: str
     """Reason for the end of the search, in words."""
     lost: str = ""
@@ -255,19 +254,12 @@ def _run_starts(
     if plan.origin is not None:
         begun = [StartResult(1, "origin", plan.problem.variables.pack(plan.origin))]
     jobs = [_start_job(f"start {start.index}, rough", start, 1) for start in begun]
-    rough: list[StartResult] = []
-
-    def refine_present(_known: Known, _is_lasting: bool) -> Iterator[Job]:
-        """Yield the refinements of the share of the present best that is likely to remain."""
-        best = _best_of_groups(rough, block)
-        for others, own in zip(best, block, strict=True):
-            count = REFINED * len(others) // len(own)
-            yield from (_start_job(f"start {one.index}", one) for one in others[:count])
-
-    for start in runner.run(jobs, clock, foresee=refine_present):
-        rough += [start]
+    rough: list[StartResult] = list(runner.run(jobs, clock, foresee=foresee_nothing))
     ended = [[start for start in rough if start.index in own and start.status] for own in block]
-    left = _best_of_groups(rough, block)
+    left = [
+        sorted((one for one in rough if one.index in own and not one.status), key=_rank)[::-1]
+        for own in block
+    ]
     while chosen := [
         start
         for done, others in zip(ended, left, strict=True)
@@ -275,14 +267,7 @@ def _run_starts(
         for start in others[:REFINED]
     ]:
         jobs = [_start_job(f"start {start.index}", start) for start in chosen]
-        refined: list[StartResult] = []
-        for start in runner.run(
-            jobs,
-            clock,
-            after_stop=True,
-            foresee=partial(_finish_ahead, plan, refined, clock),
-        ):
-            refined += [start]
+        refined = list(runner.run(jobs, clock, after_stop=True, foresee=foresee_nothing))
         taken = {start.index for start in chosen}
         left = [[start for start in others if start.index not in taken] for others in left]
         for own, done in zip(block, ended, strict=True):
@@ -291,14 +276,6 @@ def _run_starts(
         [*done, *(give_up(plan, clock, start) for start in others)]
         for done, others in zip(ended, left, strict=True)
     ]
-
-
-def _best_of_groups(
-    rough: Sequence[StartResult], block: Sequence[range]
-) -> list[list[StartResult]]:
-    """Return the starts of every group that may continue, the best first."""
-    going = sorted((start for start in rough if not start.status), key=_rank)[::-1]
-    return [[start for start in going if start.index in own] for own in block]
 
 
 @dataclass(frozen=True)
@@ -452,10 +429,11 @@ def _run_hops(
     def follow(result: StartResult) -> Job | None:
         return next(group for group in searched if result.index in group.numbers).follow(result)
 
-    def foresee(known: Known, is_lasting: bool) -> Iterator[Job]:
+    def foresee(known: Known, is_idle_for_long: bool) -> Iterator[Job]:
         futures, unknown = zip(*(group.foreseen(known) for group in searched), strict=True)
         motions = [*others, *(motion for group in futures for motion in group.motions)]
-        yield from _finish_ahead(plan, motions, clock, known, is_lasting)
+        if is_idle_for_long:
+            yield from unknown_jobs(_finish(plan, motions, clock), known)
         for hops in zip_longest(*unknown):
             yield from (hop for hop in hops if hop is not None)
 
@@ -505,17 +483,18 @@ def _finish_best(
         jobs = [Job(bound_part, (motion, part)) for part in parts]
         return runner.run(jobs, monitor, after_stop=True)
 
-    def likely_jobs(known: Known, _is_lasting: bool = True) -> Iterator[Job]:
+    def likely_jobs(known: Known, _is_idle_for_long: bool = True) -> Iterator[Job]:
         return unknown_jobs(_finish(plan, motions, monitor), known)
 
     def results_of(jobs: list[Job]) -> list[StartResult]:
-        if jobs[0].function is prove_limits:
+        may_lead = plan.workers > 1 and plan.scheduler is None
+        *others, last = (may_lead and [*likely_jobs(runner.known)]) or jobs
+        leads = may_lead and last.function is prove_limits and not runner.has_begun(last)
+        if leads or (jobs[0].function is prove_limits and runner.known(jobs[0]) is None):
             report_progress("proving the limits")
-        if plan.workers > 1 and plan.scheduler is None:
-            *others, last = [*likely_jobs(runner.known)] or jobs
-            if last.function is prove_limits and not runner.knows(last):
-                with share_cells(Sharing(plan.problem.limits, lambda: runner.free, bound)):
-                    runner.lead(plan, last, monitor, others, likely_jobs)
+        if leads:
+            with share_cells(Sharing(plan.problem.limits, lambda: runner.free, bound)):
+                runner.lead(plan, last, monitor, others, likely_jobs)
         return list(runner.run(jobs, monitor, after_stop=True, foresee=foresee_nothing))
 
     finish = _finish(plan, motions, monitor)
@@ -525,19 +504,6 @@ def _finish_best(
             jobs = finish.send(results_of(jobs))
         except StopIteration as end:
             return end.value
-
-
-def _finish_ahead(
-    plan: SearchPlan,
-    motions: Sequence[StartResult],
-    monitor: Monitor,
-    known: Known,
-    is_lasting: bool,
-) -> Iterator[Job]:
-    """Yield the jobs of the finish of present motions, if workers are idle for long."""
-    usable = [motion for motion in motions if motion.usable]
-    if usable and is_lasting:
-        yield from unknown_jobs(_finish(plan, usable, monitor), known)
 
 
 def _finish(plan: SearchPlan, motions: Sequence[StartResult], monitor: Monitor) -> Procedure:

@@ -7,7 +7,6 @@ by their content: a result that is used is the one that the job would have had l
 
 from __future__ import annotations
 
-import pickle
 import queue
 from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
@@ -20,11 +19,6 @@ Known = Callable[[Job], Any]
 Foresee = Callable[[Known, bool], Iterable[Job]]
 """(known results, whether workers will have no other job for long) → the jobs that may follow, as
 it seems at present, the most important one first."""
-
-
-def content_of(job: Job) -> bytes:
-    """Return the function and the arguments of a job, pickled."""
-    return pickle.dumps((job.function, job.arguments))
 
 
 def unknown_jobs(procedure: Procedure, known: Known) -> Iterator[Job]:
@@ -48,7 +42,7 @@ def unknown_jobs(procedure: Procedure, known: Known) -> Iterator[Job]:
         return
 
 
-def foresee_nothing(_known: Known, _is_lasting: bool) -> Iterator[Job]:
+def foresee_nothing(_known: Known, _is_idle_for_long: bool) -> Iterator[Job]:
     """Have no jobs done ahead; results of those that were are used."""
     return iter(())
 
@@ -63,7 +57,7 @@ class JobsAhead:
     known : dict
         Results by the key of the job.
     begun : set
-        Keys of the jobs that are done or under way.
+        Keys of the jobs that have begun, those that failed included: they do not begin again.
     wanted : list of Job
         Jobs to be done, the most important ones first.
     busy : dict

@@ -25,7 +25,7 @@ from threadpoolctl import threadpool_limits
 
 from expdesign.configuration import ComputationError, InputError
 from expdesign.runfolder.journal import Journal
-from expdesign.workers.ahead import Foresee, JobsAhead, content_of, foresee_nothing
+from expdesign.workers.ahead import Foresee, JobsAhead, foresee_nothing
 from expdesign.workers.job import Job, Monitor
 from expdesign.workers.local import run_jobs
 
@@ -74,10 +74,15 @@ class JobJournal:
         """Number of results."""
         return len(self._journal.done)
 
+    def result(self, job: Job) -> Any:
+        """Return the result of a job, None if it is unknown."""
+        entry = self._journal.done.get(f"{self.prefix}{job.name}")
+        return None if entry is None else entry.result
+
     def recall(self, job: Job) -> Job:
         """Return the job; one that returns the result instead, if it is known."""
-        entry = self._journal.done.get(f"{self.prefix}{job.name}")
-        return job if entry is None else replace(job, function=_recall, arguments=(job, entry))
+        result = self.result(job)
+        return job if result is None else replace(job, function=_recall, arguments=(job, result))
 
     def add(self, name: str, result: Any) -> None:
         """Add the result of a job, if it has a name and is new."""
@@ -86,10 +91,10 @@ class JobJournal:
             self._journal.add(self._entry(full, result))
 
 
-def _recall(built: Any, monitor: Monitor, job: Job, entry: Any) -> Any:
+def _recall(built: Any, monitor: Monitor, job: Job, result: Any) -> Any:
     if job.recalled is not None:
-        job.recalled(built, monitor, entry.result)
-    return entry.result
+        job.recalled(built, monitor, result)
+    return result
 
 
 class JobRunner:
@@ -115,7 +120,7 @@ class JobRunner:
     Attributes
     ----------
     cpu_seconds : float
-        Processor time of all jobs so far whose results were used.
+        Processor time of all jobs so far whose results were used, each once.
     lost : ClusterError or None
         The end of the cluster.
     """
@@ -155,6 +160,22 @@ class JobRunner:
             Local workers without another job do the jobs that it returns ahead; their results are
             used by this and later calls with `foresee`.
         """
+        for done in self._done(jobs, monitor, after_stop, then, foresee):
+            self.cpu_seconds += done.seconds
+            self._keep(done)
+            for event in done.events:  # of a job that was done ahead
+                monitor.report(event)
+            yield done.result
+
+    def _done(
+        self,
+        jobs: Sequence[Job],
+        monitor: Monitor,
+        after_stop: bool,
+        then: Callable[[Any], Job | None] | None = None,
+        foresee: Foresee | None = None,
+    ) -> Iterator[_Done]:
+        """Yield the results of `run` with their processor time and the events to be reported."""
         begun, required = Counter[int](), set[bytes]()
         scheduler = None if self.lost is not None else self._scheduler
         is_local = scheduler is None
@@ -165,42 +186,36 @@ class JobRunner:
             place = job.lane, begun[job.lane]
             begun[job.lane] += 1
             arguments = place, known, None if is_local else self._keep_event
-            key = content_of(job) if foresee else b""
+            key = job.content if foresee else b""
             required.add(key)
             return replace(job, function=_run_timed, arguments=arguments, key=key, expected=None)
 
-        def jobs_ahead(is_lasting: bool) -> Iterator[Job]:
-            for job in foresee(self.known, is_lasting) if foresee else ():
-                if (key := content_of(job)) not in required:
+        def jobs_ahead(is_idle_for_long: bool) -> Iterator[Job]:
+            for job in foresee(self.known, is_idle_for_long) if foresee else ():
+                if job.content not in required:
                     plain = replace(job, expected=None)
                     arguments = (job.lane, 0), plain, self._keep_event
-                    yield replace(plain, function=_run_timed, arguments=arguments, key=key)
+                    yield replace(plain, function=_run_timed, arguments=arguments, key=job.content)
 
         def follow(done: _Done) -> Job | None:
             job = then(done.result) if then else None
             return None if job is None else timed_job(job)
 
         timed = [timed_job(job) for job in jobs]
-        if scheduler is None:
-            work = run_jobs(
-                self._build,
-                timed,
-                self._workers,
-                monitor,
-                after_stop=after_stop,
-                then=follow if then else None,
-                ahead=self._ahead if foresee else None,
-                foresee=jobs_ahead if foresee else None,
-            )
-        else:
-            work = self._run_on_cluster(scheduler, timed, monitor, follow, after_stop)
-        for done in work:
-            self.cpu_seconds += done.seconds
-            self._keep(done)
-            if is_local:
-                for event in done.events:  # of a job that was done ahead
-                    monitor.report(event)
-            yield done.result
+        if scheduler is not None:
+            for done in self._run_on_cluster(scheduler, timed, monitor, follow, after_stop):
+                yield done._replace(events=())  # reported
+            return
+        yield from run_jobs(
+            self._build,
+            timed,
+            self._workers,
+            monitor,
+            after_stop=after_stop,
+            then=follow if then else None,
+            ahead=self._ahead if foresee else None,
+            foresee=jobs_ahead if foresee else None,
+        )
 
     @property
     def free(self) -> int:
@@ -226,13 +241,13 @@ class JobRunner:
         foresee : callable
             The job ends early, without a result, if it is not among these jobs then.
         """
-        self._ahead.end_all_but(content_of(one) for one in companions)
+        self._ahead.end_all_but(one.content for one in companions)
         self._companions = len(companions)
         errors = list[BaseException]()
 
         def run_companions() -> None:
             try:
-                list(self.run(companions, monitor, after_stop=True, foresee=foresee_nothing))
+                list(self._done(companions, monitor, True, foresee=foresee_nothing))
             except BaseException as error:  # noqa: BLE001 - raised in the thread of the caller
                 errors.append(error)
             self._companions = 0
@@ -243,8 +258,8 @@ class JobRunner:
 
         def is_needed() -> bool:
             if not needed and not self._companions:
-                contents = map(content_of, foresee(self.known, True))
-                needed.append(not companions or content_of(job) in contents)
+                contents = (one.content for one in foresee(self.known, True))
+                needed.append(not companions or job.content in contents)
             return all(needed)
 
         def stop_requested() -> bool:
@@ -253,25 +268,33 @@ class JobRunner:
         # Where it may have no result, its events are kept for its use.
         watch = Monitor(stop_requested) if companions else Monitor(stop_requested, monitor.report)
         keep_event = self._keep_event if companions else None
+        before, failure = self.cpu_seconds, None
         try:
             with threadpool_limits(1):
                 done = _run_timed(built, watch, (0, 0), job, keep_event)
+        except Exception as error:  # noqa: BLE001 - raised if the job is needed
+            failure = error
         finally:
             thread.join()
         if errors:
             raise errors[0]
-        if is_needed():
-            self._ahead.known[content_of(job)] = done
+        if not is_needed():
+            self.cpu_seconds = before
+        elif failure is not None:
+            raise failure
+        else:
+            self._ahead.known[job.content] = done
 
-    def knows(self, job: Job) -> bool:
-        """Return whether a job is done or under way, ahead."""
-        key = content_of(job)
-        return key in self._ahead.known or key in self._ahead.begun
+    def has_begun(self, job: Job) -> bool:
+        """Return whether a job has begun ahead, or its result is known."""
+        return job.content in self._ahead.begun or self.known(job) is not None
 
     def known(self, job: Job) -> Any:
         """Return the result of a job that was done ahead or may be asked for again, or None."""
-        done = self._ahead.known.get(content_of(job))
-        return None if done is None else done.result
+        done = self._ahead.known.get(job.content)
+        if done is None:
+            return None if self._journal is None else self._journal.result(job)
+        return done.result
 
     def close(self) -> None:
         """End the jobs ahead that are under way."""

@@ -15,6 +15,7 @@ import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle
 from typing import Any, NoReturn
@@ -58,7 +59,12 @@ class Job:
     expected: Any = None
     """Result that is assumed while it is unknown, to do further jobs ahead."""
     key: bytes = b""
-    """Content by which a result that was computed ahead is found; empty: it is not looked up."""
+    """`content` by which a result that was computed ahead is found; empty: it is not looked up."""
+
+    @cached_property
+    def content(self) -> bytes:
+        """Hash of the function and the arguments."""
+        return hashlib.sha256(pickle.dumps((self.function, self.arguments))).digest()
 
     def run(self, recipe: bytes, monitor: Monitor) -> Any:
         """Run it with one BLAS thread; the pickled recipe builds its first argument, once."""

@@ -156,8 +156,8 @@ class _Team:
         following = Counter[int]()
         while True:
             if self._foresee is not None and self._outcomes.empty():
-                is_lasting = max(self._open, len(self._busy)) < self._most
-                foreseen = self._foresee(is_lasting) if self._room > 0 else ()
+                is_idle_for_long = max(self._open, len(self._busy)) < self._most
+                foreseen = self._foresee(is_idle_for_long) if self._room > 0 else ()
                 self._ahead.wanted = list(islice(foreseen, self._most))
                 self._answers.put(None)
             try:

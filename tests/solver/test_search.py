@@ -5,15 +5,18 @@ import importlib
 import math
 import pickle
 import time
+from collections import Counter
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from expdesign.progress import listen_to_progress
 from expdesign.solver.phases import SearchEvent
 from expdesign.solver.search import GROUP, NoDesignError, groups, search
 from expdesign.solver.starts import GIVEN_UP, StartResult, run_start
 from expdesign.workers import Job, JobJournal, JobRunner, Monitor, run_jobs
+from expdesign.workers.local import _Team
 
 QUICK = {"max_iterations": 4}
 
@@ -454,31 +457,42 @@ def test_starts_and_hops_in_other_processes_are_the_same(build):
 
 @pytest.mark.slow
 def test_jobs_ahead_change_no_digit(build, plan, monkeypatch):
-    """Refinements, hops, finishes and proofs that are done ahead, and a proof led here."""
+    """Results of hops, finishes and proofs done ahead, and of proofs led here, are used."""
     module = importlib.import_module("expdesign.solver.search")
     monkeypatch.setattr(module, "TOGETHER", 2)
     monkeypatch.setattr(module, "REFINED", 2)
-    ahead, led = [], []
-    lead, close = JobRunner.lead, JobRunner.close
+    used, proofs = Counter(), []
+    lead, begin = JobRunner.lead, _Team._begin
 
     def leading(self, *arguments):
-        led.append(arguments)
+        proofs.append("led")
         return lead(self, *arguments)
 
-    def closing(self):
-        ahead.append(len(self._ahead.begun))
-        close(self)
+    def beginning(self, job):
+        if job.key in self._ahead.known or job.key in self._ahead.busy.values():
+            used[job.arguments[1].function.__name__] += 1
+        return begin(self, job)
+
+    def listening(what, _done, _total):
+        if what == "proving the limits":
+            proofs.append(what)
 
     monkeypatch.setattr(JobRunner, "lead", leading)
-    monkeypatch.setattr(JobRunner, "close", closing)
-    settings = {"max_iterations": 8, "starts": 4, "hops": 8}
-    results = [
-        search(build(design=settings), dataclasses.replace(present, workers=workers), Monitor())
-        for present in [build(design=settings)()]
-        for workers in (1, 2, 4, 7)
-    ]
-    assert ahead[0] == 0 < ahead[-1]
-    assert led
+    monkeypatch.setattr(_Team, "_begin", beginning)
+    settings = {"max_iterations": 8, "starts": 4, "search": "hopping", "hops": 8}
+    results, present = [], build(design=settings)()
+    for workers in (1, 2, 4, 7):
+        proofs.clear()
+        changed = dataclasses.replace(present, workers=workers)
+        with listen_to_progress(listening):
+            results.append(search(build(design=settings), changed, Monitor()))
+        assert workers > 1 or not used
+        # The report precedes the proof, and there is none where its result is used.
+        led = [k for k, what in enumerate(proofs) if what == "led"]
+        assert all(k and proofs[k - 1] != "led" for k in led)
+        assert not led or proofs[-1] == "led"
+        assert len(proofs) <= max(1, 2 * len(led))
+    assert {"run_start", "polish_start", "polish_again", "prove_limits"} <= used.keys()
     first = results[0]
     for other in results[1:]:
         assert other.trajectory.vector().tobytes() == first.trajectory.vector().tobytes()

@@ -1,11 +1,20 @@
 """Jobs that are done ahead by idle workers: when their results are used, and when they end."""
 
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from expdesign.workers import Job, JobRunner, Monitor, foresee_nothing, unknown_jobs
+from expdesign.workers import (
+    Job,
+    JobJournal,
+    JobRunner,
+    Monitor,
+    foresee_nothing,
+    unknown_jobs,
+)
+from tests.workers.numbered import Square
 
 pytestmark = pytest.mark.slow
 
@@ -27,6 +36,25 @@ def logged(built, monitor, index, seconds, log):
 
 def failing(built, monitor):
     raise ZeroDivisionError("broken")
+
+
+def busy(built, monitor, index, seconds):
+    """Use processor time and report the end."""
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+    monitor.report(index)
+    return index
+
+
+def leading(runner, monitor):
+    """Have a job run, and wait for a stop."""
+    assert list(runner.run([Job(busy, (1, 0.3))], Monitor())) == [1]
+    waiting_for(monitor.stop_requested)
+
+
+def squared(built, monitor, number):
+    return Square(number, number**2)
 
 
 @pytest.fixture
@@ -53,7 +81,7 @@ def runner():
 
 
 def foreseen(*jobs):
-    return lambda _known, _is_lasting: jobs
+    return lambda _known, _is_idle_for_long: jobs
 
 
 def waiting_for(condition):
@@ -69,7 +97,7 @@ def test_a_job_done_ahead_or_under_way_is_not_done_again(runner, job, seconds):
     monitor = Monitor(report=events.append)
     assert list(runner.run([job(1, 1.0)], monitor, foresee=foreseen(job(2, seconds)))) == [1]
     assert events == [1]
-    assert runner.knows(job(2, seconds))
+    assert runner.has_begun(job(2, seconds))
     assert list(runner.run([job(2, seconds), job(3)], monitor, foresee=foresee_nothing)) == [4, 9]
     assert job.begun() == [1, 2, 3]
     assert sorted(events) == [1, 2, 3]
@@ -81,20 +109,20 @@ def test_required_jobs_do_not_wait_for_jobs_ahead(runner, job):
     assert 9 in job.begun()
     jobs = [job(2), job(3)]
     assert list(runner.run(jobs, Monitor(), foresee=foresee_nothing)) == [4, 9]
-    assert not runner.knows(endless)
+    assert not runner.has_begun(endless)
 
 
 def test_a_job_that_is_not_foreseen_any_more_makes_room_for_another(runner, job):
     wanted = [job(9, 600.0)]
 
-    def foresee(_known, _is_lasting):
+    def foresee(_known, _is_idle_for_long):
         if 9 in job.begun():
             wanted[:] = [job(5)]
         return list(wanted)
 
     list(runner.run([job(1, 2.0)], Monitor(), foresee=foresee))
     assert runner.known(job(5)) == 25
-    assert not runner.knows(job(9, 600.0))
+    assert not runner.has_begun(job(9, 600.0))
 
 
 def test_an_error_ahead_is_raised_when_the_job_is_required(runner, job):
@@ -113,14 +141,14 @@ def test_a_single_worker_does_nothing_ahead(job):
 def test_a_stop_ends_the_jobs_ahead(runner, job):
     monitor = Monitor(lambda: job.begun() == [1, 9])
     list(runner.run([job(1, 600.0)], monitor, foresee=foreseen(job(9, 600.0))))
-    assert not runner.knows(job(9, 600.0))
+    assert not runner.has_begun(job(9, 600.0))
 
 
 @pytest.mark.parametrize("is_needed", [True, False])
 def test_a_job_led_here_counts_if_its_companions_do_not_change_it(runner, job, is_needed):
     companion, led = job(2, 0.3), job(3, 1.0 if is_needed else 600.0)
 
-    def foresee(known, _is_lasting):
+    def foresee(known, _is_idle_for_long):
         assert known(companion) == 4
         return [led] if is_needed else []
 
@@ -129,6 +157,53 @@ def test_a_job_led_here_counts_if_its_companions_do_not_change_it(runner, job, i
     assert list(runner.run([companion], Monitor(), foresee=foresee_nothing)) == [4]
     assert job.begun() == [2, 3]
     assert runner.free == 2
+
+
+@pytest.mark.parametrize("is_ahead", [False, True])
+def test_processor_time_and_events_of_a_companion_count_once(is_ahead):
+    events = []
+    monitor = Monitor(report=events.append)
+    runner = JobRunner(build, 2, keep_event=bool)
+    companion, led = Job(busy, (2, 1.0)), Job(busy, (3, 0.5))
+    if is_ahead:
+        first = Job(busy, (1, 0.3))
+        list(runner.run([first], monitor, foresee=foreseen(companion)))
+        assert runner.has_begun(companion)
+    runner.lead("built", led, monitor, [companion], foreseen(led))
+    for job in (companion, led):
+        list(runner.run([job], monitor, foresee=foresee_nothing))
+    runner.close()
+    assert sorted(events) == [*([1] if is_ahead else []), 2, 3]
+    assert 1.5 <= runner.cpu_seconds - 0.3 * is_ahead < 2.0
+
+
+def test_jobs_of_a_led_job_that_is_not_needed_do_not_count(runner, job):
+    runner.lead(runner, Job(leading, ()), Monitor(), [job(2, 0.3)], foreseen())
+    assert runner.cpu_seconds == 0.0
+    assert runner.known(Job(leading, ())) is None
+
+
+@pytest.mark.parametrize("is_needed", [True, False])
+def test_an_error_of_a_led_job_counts_if_the_job_is_needed(runner, job, is_needed):
+    companion, led = job(2, 0.3), Job(failing, ())
+    lead = partial(runner.lead, "built", led, Monitor(), [companion])
+    if is_needed:
+        with pytest.raises(ZeroDivisionError, match="broken"):
+            lead(foreseen(led))
+    else:
+        lead(foreseen())
+    assert runner.known(companion) == 4
+
+
+def test_a_result_in_the_journal_is_known(tmp_path):
+    named = Job(squared, (3,), "three")
+    for resume in (False, True):
+        journal = JobJournal(tmp_path / "jobs.jsonl", "inputs", Square, resume=resume)
+        runner = JobRunner(build, 2, journal=journal)
+        assert runner.known(named) == (Square(3, 9) if resume else None)
+        assert runner.known(Job(squared, (4,))) is None
+        list(runner.run([named], Monitor(), foresee=foresee_nothing))
+        runner.close()
 
 
 def test_a_procedure_is_foreseen_as_far_as_results_are_known_or_expected():
