@@ -376,5 +376,6 @@ class SearchStatistics:
     starts: Annotated[tuple[StartSummary, ...], described("", "the starts and hops")]
     ended: Annotated[str, described("", "reason for the end of the search")]
     cpu_seconds: Annotated[
-        OpenNumber, described("s", "processor time, without building the problem")
+        OpenNumber,
+        described("s", "processor time of all results used, without building the problem"),
     ]
