@@ -35,11 +35,18 @@ _SMALL_PART = 0.1
 """Decrease by a low pass in addition to a delay, relative to the difference between either alone,
 up to which the lag is a delay: the low pass is less than a quarter of it."""
 _DIGITS = 0.01
+_SPACINGS = (1 / 8, 1 / 64)
+"""Of delays near the best one, in steps of the recording."""
+_NEIGHBOURS = np.arange(-8, 9)
+_SIGMAS = 5
+_RANGE = np.geomspace(0.02, 5.0, 32)
+"""Distances from a delay, in steps of the recording."""
 _SHOWN = 0.02
 """Smallest part of a lag that is stated."""
 _LARGEST_LOW_PASS = 1.5
 """ωτ of the slowest low pass that the mixture of delays of `estimators.joint_equations` can be."""
-_LEAST_ACCELERATION = 0.01
+_LEAST_ACCELERATION = 0.1
+"""Relative to the root mean square of all harmonics."""
 
 
 def delays_to_try(step: float, period: float) -> list[float]:
@@ -79,6 +86,17 @@ class LagSearch:
         )
         return Lag(float(found.x), None, float(found.fun))
 
+    def best_near(self, found: Lag) -> Lag:
+        """Return the best delay within a step of a first one, whatever local minima there are.
+
+        Every sample that passes a jump of dry friction may make one.
+        """
+        for spacing in _SPACINGS:
+            delays = found.delay + self.step * spacing * _NEIGHBOURS
+            tried = [Lag(late, None, self.excess(late, 0.0)) for late in delays.tolist()]
+            found = min([found, *tried], key=lambda one: one.excess)
+        return found
+
     def split(self, found: Lag) -> Lag:
         """Return a delay as it is, or as a delay and a low pass if it is not clearly one."""
         lag, digits = found.delay, _DIGITS * self.step
@@ -110,26 +128,26 @@ class LagSearch:
         constant = total * share
         return Lag(total - constant, constant, float(both.fun))
 
-    def delay_error(self, found: Lag) -> float:
-        """Return the standard deviation of the delay due to noise of the forces, s.
+    def delay_error(self, found: Lag, variance: float) -> float:
+        """Return the standard deviation of the delay, s, by the variance of the excess.
 
-        It is that of the curvature over half a step, for jumps of dry friction have no derivative;
-        all parameters are free.
+        It is the largest by the ranges of one to five standard deviations. They differ where a
+        sample passes a jump of dry friction: near the best delay such jumps fit the noise, and
+        between two of them nothing changes. All parameters are free.
         """
-        half = self.step / 2
-        below, middle, above = (
-            self.excess(found.delay + late, found.low_pass or 0.0) for late in (-half, 0, half)
-        )
-        curvature = (below - 2 * middle + above) / half**2 * LEAST / self.least_decrease
-        return float(np.sqrt(2 / curvature)) if curvature > 0 else half
+        sides = np.array([-1.0, 1.0])[:, None] * _RANGE * self.step
+        found_at = np.vectorize(lambda late: self.excess(found.delay + late, found.low_pass or 0.0))
+        sigmas = np.arange(1.0, _SIGMAS + 1)
+        beyond = (found_at(sides) - found.excess) / variance
+        inside = beyond[:, :, None] < sigmas**2
+        farthest = np.max(np.where(inside, _RANGE[:, None], 0.0), axis=(0, 1))
+        return float(self.step * np.max(farthest / sigmas))
 
 
-def describe_lag(
-    robot: Robot, lag: float, constant: float | None, stated_delay: float, *, filtered: bool
-) -> str:
+def describe_lag(robot: Robot, lag: float, constant: float | None, section: DataSection) -> str:
     """Describe a lag of the forces, s, that may be a delay or a filter, and how to state it.
 
-    It is in addition to a stated delay, s, and to stated filters if the forces are `filtered`.
+    It is in addition to the delays and filters of the section.
     """
     if constant is None:
         return (
@@ -141,15 +159,16 @@ def describe_lag(
     rest = join_words(f"`tolerances.{name}`" for name in missing)
     total = lag + constant
     known = "State what is known as `data.delay` and `data.filter`"
-    slow = constant > _SHOWN * total and not filtered
-    late = stated_delay + (lag if slow else total)
-    fits = [f"`data.delay: {{forces: {1e3 * late:.3g} ms}}`"] if late > _SHOWN * total else []
+    slow = constant > _SHOWN * total and not any(section.channel_filters("Q"))
+    late = lag if slow else total
+    stated = np.array(section.channel_delays("Q")) + late
+    fits = [f"`data.delay: {{forces: {_delays(stated)}}}`"] if late > _SHOWN * total else []
     cutoff = 1 / (2 * np.pi * constant) if slow else 0.0
     fits += [f"`data.filter: {{Q: {{low_pass: {cutoff:.3g} Hz, order: 1}}}}`"] if slow else []
     return (
         f"the forces lag behind the lengths by about {1e3 * total:.3g} ms in all (not certain), by "
         f"a delay, a low pass or both (best fit: a delay of {1e3 * lag:.2g} ms and a low pass of "
-        f"{1e3 * constant:.2g} ms). {known}; if nothing is, state the best fit, {join_words(fits)}"
+        f"{1e3 * constant:.2g} ms). {known}, or else the best fit, {join_words(fits)}"
         f"{', and its uncertainty as ' * bool(rest)}{rest}"
     )
 
@@ -159,15 +178,20 @@ def describe_channel_lag(lag: ChannelLag, section: DataSection) -> str:
     channel = f"{lag.group}{lag.strut + 1}"
     late = np.array(section.channel_delays(lag.group))
     late[lag.strut] += lag.seconds
-    delays = ", ".join(f"{1e3 * each:.3g} ms" if each else "0" for each in late)
     cutoff = 1 / (2 * np.pi * lag.seconds)
     noun = {"q": "lengths", "Q": "forces"}[lag.group]
-    known = f"{{{noun}: [{delays}]}}"
+    known = f"{{{noun}: {_delays(late)}}}"
     return (
         f"{channel} lags behind the other channels by about {1e3 * lag.seconds:.3g} ms (not "
         f"certain), by a delay or a low pass. State the delay, `data.delay: {known}`, or the "
         f"filter, `data.filter: {{{channel}: {{low_pass: {cutoff:.3g} Hz, order: 1}}}}`"
     )
+
+
+def _delays(values: Array) -> str:
+    """Return delays, s, as in a run file: one if all are equal."""
+    shown = [f"{1e3 * each:.3g} ms" if each else "0" for each in values]
+    return shown[0] if len(set(shown)) == 1 else f"[{', '.join(shown)}]"
 
 
 def slow_low_pass_warning(
@@ -194,10 +218,13 @@ def slow_low_pass_warning(
 
 
 def _highest_harmonic(motion: HarmonicMotion, scale: Array) -> int:
-    """Return the highest harmonic that matters: it and those above have 1 % of the acceleration."""
+    """Return the highest harmonic that matters.
+
+    It and those above have a tenth of the root mean square acceleration.
+    """
     count = motion.harmonics
     waves = motion.table[:, 1:].reshape(len(motion.table), 2, count)
     accelerations = waves * scale[:, None, None] * np.arange(1, count + 1) ** 2
     energy = np.sum(accelerations**2, axis=(0, 1))
     above = np.cumsum(energy[::-1])[::-1]
-    return int(np.count_nonzero(above > _LEAST_ACCELERATION * above[0]))
+    return int(np.count_nonzero(above > _LEAST_ACCELERATION**2 * above[0]))

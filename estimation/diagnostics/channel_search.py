@@ -6,8 +6,9 @@ other.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import lru_cache
 from itertools import combinations, product
 
 import numpy as np
@@ -92,6 +93,7 @@ _CLEAR_WORK = 10.0
 _LEAST_SHARE = 0.2
 """Share of the unexplained forces that one of several faults must explain."""
 _ROUNDS = 4
+_EACH = np.eye(ACTUATORS)
 
 
 class ChannelSearch:
@@ -149,6 +151,7 @@ class ChannelSearch:
         )
         self._variances = variances * float(np.sum(1 / counts))
         share = float(np.sum(self._variances) / np.sum(self.forces**2))
+        self._share = share
         self.least_decrease = LEAST * share / self.forces.size
         self.spread = share * float(np.sqrt(2 / self.forces.size))
         self._harmonics = min(_OF_LENGTHS * harmonics, (len(self.readings) - 1) // 2)
@@ -280,7 +283,10 @@ class ChannelSearch:
         return other - excess > least
 
     def least(self, found: Candidate) -> float:
-        """Return the least decrease for a wiring; a smaller one for nothing but a lag."""
+        """Return the least decrease of the unexplained share by a wiring.
+
+        It is smaller if nothing but a delay differs: this is one trial, not thousands.
+        """
         as_measured = not self._differs(found, Candidate.as_measured())
         return _OF_LAG * self.least_decrease if found.delay and as_measured else self.least_decrease
 
@@ -366,8 +372,12 @@ class ChannelSearch:
         )
 
     def delay_error(self, found: Candidate) -> float:
-        """Return the standard deviation of the delay due to noise of the forces, s."""
-        return self.lag_search(found).delay_error(_lag_of(found))
+        """Return the standard deviation of the delay, s, with all parameters free.
+
+        Unexplained forces count as noise.
+        """
+        level = max(1 + found.excess / self._share, 1.0) * self.least_decrease / LEAST
+        return self.lag_search(found).delay_error(_lag_of(found), level)
 
     def gain_errors(self, found: Candidate) -> Array:
         """Return the relative standard deviations of the gains of the forces, (6,)."""
@@ -401,7 +411,9 @@ class ChannelSearch:
         large = np.abs(lengths.offsets) >= self.least_zeros
         lengths = replace(lengths, offsets=np.where(large, lengths.offsets, 0.0))
         found = replace(found, lengths=lengths)
-        found = replace(found, excess=self._excess_of_lag(found, found.channel_lag))
+        columns = self._columns_of_lags(found, self.motion(lengths))(found.channel_lag)
+        fit = ForceFit(columns, self.forces, self._variances)
+        found = replace(found, excess=fit.excess(found.forces))
         return self._at_delay(found, found.delay) if found.delay else found
 
     def _is_no_imitation(self, present: Candidate, found: Candidate) -> bool:
@@ -411,27 +423,32 @@ class ChannelSearch:
         """
         motion = self.motion(present.lengths)
         columns = self.columns(motion, present.delay, present.low_pass or 0.0)
-        fit = ForceFit(columns, self.forces, self._variances)
-        forces = present.forces.apply(self.forces)
-        model = columns @ fit.parameters(present.forces)
+        parameters = ForceFit(columns, self.forces, self._variances).parameters(present.forces)
         state = np.split(motion.at(self.force_times).state(), 3, axis=1)
         struts = self.robot.strut_motion(*state)
-        rest, most = forces - model, 0.0
         shapes = (
-            np.ones_like(rest),
+            np.ones_like(self.forces),
             struts.length - np.mean(struts.length, axis=0),
-            self.robot.regressor(*state) @ fit.parameters(present.forces),
+            self.robot.regressor(*state) @ parameters,
             struts.length_acceleration,
         )
-        for shape in map(self._whiten, shapes):
-            own = np.einsum("rim,ri->im", columns, shape) @ fit.root
-            energies = np.sum(shape**2, axis=0)
-            left = energies - np.sum(own**2, axis=1)
-            seen = left > DETERMINED * energies
-            explained = np.sum(shape * rest, axis=0)[seen] ** 2 / left[seen]
-            most = max(most, float(np.max(explained, initial=0.0)))
-        decrease = present.excess - found.excess
-        return decrease > max(self.least(found), most / float(np.sum(forces**2)))
+        own = np.concatenate([self._whiten(each)[:, :, None] * _EACH for each in shapes], axis=2)
+        most = self._explained_by(own, present, columns)
+        return present.excess - found.excess > max(self.least(found), most)
+
+    def _explained_by(self, shapes: Array, present: Candidate, columns: Array) -> float:
+        """Return the largest share of the forces that one of some shapes, (R, 6, n), explains.
+
+        It is in addition to the columns, (R, 6, m), of a wiring.
+        """
+        fit = ForceFit(columns, self.forces, self._variances)
+        rest = present.forces.apply(self.forces) - columns @ fit.parameters(present.forces)
+        own = np.einsum("rim,rin->nm", columns, shapes, optimize=True) @ fit.root
+        energies = np.einsum("rin,rin->n", shapes, shapes)
+        left = energies - np.sum(own**2, axis=1)
+        seen = left > DETERMINED * energies
+        explained = np.einsum("rin,ri->n", shapes, rest)[seen] ** 2 / left[seen]
+        return float(np.max(explained, initial=0.0)) / float(np.sum(self.forces**2))
 
     def _differs(self, one: Candidate, other: Candidate) -> bool:
         """Return whether order, sign, scale or zero of a channel differ."""
@@ -464,24 +481,33 @@ class ChannelSearch:
         later = self._at_delay(present, min(delays)[1])
         if abs(later.delay) < self.least_delay:
             return present
+        if present.excess - later.excess <= self.least(later):
+            return later
         # A delay alone may leave most of a low pass.
-        noticed = present.excess - later.excess > self.least(later)
-        return self._split_lag(later) if noticed else later
+        return self._split_lag(_with_lag(later, self.lag_search(later).best_near(_lag_of(later))))
 
     def _with_channel_lag(self, present: Candidate) -> Candidate:
         """Return the wiring with the lag of the single channel that explains most, if any."""
         if present.channel_lag is not None:
             return present
+        near = self.motion(present.lengths)
+        columns = self._columns_of_lags(present, near)
+        places = list(product("qQ", range(ACTUATORS)))
+        now, first = columns(None), [columns(ChannelLag(*at, self.step)) for at in places]
+        parameters = ForceFit(now, self.forces, self._variances).parameters(present.forces)
+        slopes = np.stack([(each - now) @ parameters for each in first], axis=2)
+        if self._explained_by(slopes, present, now) < _OF_LAG * self.least_decrease:
+            return present
 
         def late(group: str, strut: int, seconds: float) -> Candidate:
             lag = ChannelLag(group, strut, seconds)
-            return replace(present, channel_lag=lag, excess=self._excess_of_lag(present, lag))
+            excess = ForceFit(columns(lag), self.forces, self._variances).excess(present.forces)
+            return replace(present, channel_lag=lag, excess=excess)
 
-        places = list(product("qQ", range(ACTUATORS)))
         tried = {
             (place, number): late(*place, steps * self.step).excess
-            for place in places
             for number, steps in enumerate(_STEPS_OF_CHANNEL[1:-1], 1)
+            for place in places
         }
         place, number = min(tried, key=lambda each: tried[each])
         found = minimize_scalar(
@@ -492,14 +518,25 @@ class ChannelSearch:
         )
         return late(*place, float(found.x)) if found.x >= self.least_delay else present
 
-    def _excess_of_lag(self, present: Candidate, lag: ChannelLag | None) -> float:
-        """Return the unexplained share of the forces with the lag of one channel, if any."""
-        motion = self.motion(present.lengths, lag=lag)
-        columns = self.columns(motion, present.delay, present.low_pass or 0.0)
-        if lag is not None and lag.group == "Q":
-            late = self.columns(motion, present.delay + lag.seconds, present.low_pass or 0.0)
-            columns[:, lag.strut] = late[:, lag.strut]
-        return ForceFit(columns, self.forces, self._variances).excess(present.forces)
+    def _columns_of_lags(
+        self, present: Candidate, near: HarmonicMotion
+    ) -> Callable[[ChannelLag | None], Array]:
+        """Return the columns, (R, 6, m), behind the lag of one channel, near a motion."""
+
+        @lru_cache(maxsize=2)  # without a lag and with that of a force: the same for six channels
+        def of_forces(seconds: float) -> Array:
+            return self.columns(near, present.delay + seconds, present.low_pass or 0.0)
+
+        def columns(lag: ChannelLag | None) -> Array:
+            if lag is not None and lag.group == "q":
+                motion = self.motion(present.lengths, near, lag)
+                return self.columns(motion, present.delay, present.low_pass or 0.0)
+            found = of_forces(0.0).copy()
+            if lag is not None:
+                found[:, lag.strut] = of_forces(lag.seconds)[:, lag.strut]
+            return found
+
+        return columns
 
     def _zeros(self, present: Candidate, most: float) -> Iterator[Candidate]:
         """Yield wirings with another zero of one length.

@@ -172,8 +172,7 @@ def check_channels(
     ambiguous = found.low_pass is not None or (found.delay < 0 and filtered)
     lag = ""
     if ambiguous:
-        stated = float(np.mean(section.channel_delays("Q")))
-        lag = describe_lag(robot, found.delay, found.low_pass, stated, filtered=filtered)
+        lag = describe_lag(robot, found.delay, found.low_pass, section)
     elif found.channel_lag is not None:
         lag = describe_channel_lag(found.channel_lag, section)
     found = replace(found, delay=0.0) if ambiguous else found

@@ -254,8 +254,8 @@ def test_a_lag_behind_an_unknown_low_pass(delay, constant, tolerances):
 
 
 def test_a_lag_behind_a_stated_filter_is_certain():
-    """In seven of ten recordings at least; in the others it is stated as not certain."""
-    delay, constant, certain, right = 1e-2, 1e-2, 0, 0
+    """Mostly; in all recordings in which it is certain, it is right within three of its errors."""
+    delay, constant, certain, off = 1e-2, 1e-2, 0, []
     case = run(data={"filter": {"Q": {"low_pass": 1 / (2 * np.pi * constant)}}})
     for seed in range(10):
         data = behind_a_low_pass(recording(seed, 0.3), delay, constant)
@@ -264,9 +264,10 @@ def test_a_lag_behind_a_stated_filter_is_certain():
         found = check_channels(ROBOT, case.run.data, *folded, MOTION.harmonics, MOTION)
         stated = found.faults[0][1].split("lengths by ")[1] if found.faults else ""
         late = float((stated or found.lag.split("by about ")[1]).split()[0])
-        right += abs(late - 1e3 * delay) < 1
+        off.append(abs(late - 1e3 * delay))
         certain += found.sure
-    assert right >= 9
+        assert not found.sure or off[-1] < 3 * float(stated.split("± ")[1].split()[0])
+    assert sum(each < 1 for each in off) >= 9
     assert certain >= 7
 
 

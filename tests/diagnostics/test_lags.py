@@ -8,6 +8,7 @@ import pytest
 
 from estimation.data.measurement import Measurement
 from estimation.data.sensors import SensorResponse
+from estimation.diagnostics.channel_lag import describe_lag
 from estimation.diagnostics.finding import Status
 from estimation.identification import estimate, estimate_parameters
 from estimation.identification.recording import check_recording, fold_measurement
@@ -140,3 +141,15 @@ def test_a_low_pass_that_is_slower_than_its_model(constant, warned):
     warnings = [one for one in estimate_parameters(case, data, MOTION).warnings if "ωτ" in one]
     assert bool(warnings) == warned
     assert all("State the filter, `data.filter: {Q: {low_pass: 0.796 Hz" in w for w in warnings)
+
+
+@pytest.mark.parametrize(
+    ("stated", "advised"),
+    [
+        ([0, "5 ms", 0, 0, 0, 0], "[1 ms, 6 ms, 1 ms, 1 ms, 1 ms, 1 ms]"),
+        ("-1 ms", "0"),
+    ],
+)
+def test_a_lag_adds_to_the_stated_delays_of_the_channels(stated, advised):
+    section = run(data={"delay": {"forces": stated}}).run.data
+    assert f"`data.delay: {{forces: {advised}}}`" in describe_lag(ROBOT, 1e-3, 0.0, section)
