@@ -254,7 +254,11 @@ def test_a_lag_behind_an_unknown_low_pass(delay, constant, tolerances):
 
 
 def test_a_lag_behind_a_stated_filter_is_certain():
-    """Mostly; in all recordings in which it is certain, it is right within three of its errors."""
+    """Mostly; certain delays of these ten recordings are right within three of their errors.
+
+    Of 16 certain ones of 20 other recordings (seeds 20 to 39) one is off by 4.3 errors; the rms of
+    all is 1.6.
+    """
     delay, constant, certain, off = 1e-2, 1e-2, 0, []
     case = run(data={"filter": {"Q": {"low_pass": 1 / (2 * np.pi * constant)}}})
     for seed in range(10):
