@@ -157,7 +157,8 @@ def test_a_prior_tells_apart_what_no_force_does(data):
 def test_the_record_has_the_combinations_after_reading(data, tmp_path):
     found = estimate_parameters(_run(parameters="base"), data, MOTION)
     estimation_result(found).write(tmp_path)
-    rows = EstimationResult.read(tmp_path).base_parameters
+    tables = EstimationResult.read(tmp_path).base_parameters
+    rows = [row for table in tables.values() for row in table]
     by_name = {row.parameter: row for row in rows}
     for name, row in _combinations(found).items():
         assert f"s{name[1:]}" in by_name[name].regrouped

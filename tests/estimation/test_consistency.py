@@ -163,7 +163,7 @@ def test_the_folder_has_both_side_by_side(written):
     keys = record.best_estimator.consistent
     assert keys.distance == near.distance
     assert keys.text
-    for k, row in enumerate(record.consistent):
+    for k, row in enumerate(record.consistent["gm"]):
         assert (row.estimate, row.consistent) == (result["gm"].values[k], near.vector[k])
         assert row.moved == pytest.approx((row.consistent - row.estimate) / row.std)
     # What stands in the file is enough to see that they are bodies.

@@ -261,7 +261,7 @@ def test_it_is_kept_and_read_again(loaded, tmp_path):
 def test_a_mass_that_may_be_none_has_no_centre(machine, tmp_path):
     run = _run("empty", {"prior": str(machine), "estimators": ["gm"]}, tolerances=TOLERANCES)
     found = estimate_parameters(run, Twin.of(run, MOTION).measurement(5), MOTION)
-    rows = {row.quantity: row for row in estimation_result(found).payload}
+    rows = {row.quantity: row for row in estimation_result(found).payload["gm"]}
     assert abs(rows["mass"].value) < 4 * rows["mass"].std
     assert np.isnan(rows["cx"].value)
 
