@@ -303,6 +303,20 @@ class ChannelSearch:
         left = candidate.excess * float(np.sum(forces**2)) + noise
         return float(np.clip(1 - left / variation, 0, 1)), min(noise / variation, 1.0)
 
+    def nominal_scale(self, candidate: Candidate) -> tuple[float, float]:
+        """Return the factor of the explained forces over those of the nominal parameters.
+
+        And the square of the cosine between both: whether they differ by a factor at all.
+        """
+        motion = self.motion(candidate.lengths)
+        columns = self.columns(motion, candidate.delay, candidate.low_pass or 0.0)
+        fit = ForceFit(columns, self.forces, self._variances)
+        explained, nominal = (
+            columns @ values for values in (fit.parameters(candidate.forces), self.robot.parameters)
+        )
+        own, both = float(np.sum(nominal**2)), float(np.sum(explained * nominal))
+        return both / own, both**2 / own / float(np.sum(explained**2))
+
     def search(self, design: FourierTrajectory | None) -> Candidate:
         """Return the wiring that explains most, found by single changes.
 
@@ -321,6 +335,12 @@ class ChannelSearch:
             plainer.append(replace(lengths, gains=self.unit * np.sign(lengths.gains)))
         tried = [best, *(self.candidate(one, 0.0) for one in plainer)]
         best = min(tried, key=lambda each: each.excess)
+        if np.count_nonzero(best.lengths.offsets) > _MOST_SHIFTED:
+            # Zeros of all lengths, or a machine that stands elsewhere: the forces must be clear.
+            plain = min(tried[1:], key=lambda each: each.excess)
+            least = max(self.least_decrease, (_MUCH_BETTER - 1) * self.left(best.excess))
+            best = replace(best, next_best=min(best.next_best, plain.excess))
+            best = best if plain.excess - best.excess > least else plain
         for _ in range(_ROUNDS):
             if self.left(best.excess) < _SMALL or best.channel_lag is not None:
                 break
@@ -611,9 +631,11 @@ class ChannelSearch:
         gains = self.unit * signs * np.where(far, round_factor(sizes), 1.0)
         offsets = middle - self.zeros - gains * mean[channels]
         usual = _CLEARLY * float(np.median(np.abs(offsets)))
-        shifted = np.abs(offsets) > np.maximum(self.least_zeros, usual)
-        few = np.count_nonzero(shifted) <= _MOST_SHIFTED
-        return Wiring(channels, gains, np.where(shifted & few, offsets, 0.0))
+        shifted = np.abs(offsets) > self.least_zeros
+        apart = shifted & (np.abs(offsets) > usual)
+        if 0 < np.count_nonzero(apart) <= _MOST_SHIFTED:
+            shifted = apart
+        return Wiring(channels, gains, np.where(shifted, offsets, 0.0))
 
 
 def _lag_of(found: Candidate) -> Lag:

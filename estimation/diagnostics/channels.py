@@ -19,6 +19,7 @@ from estimation.diagnostics.channel_fit import UNITS, Candidate
 from estimation.diagnostics.channel_lag import describe_channel_lag, describe_lag
 from estimation.diagnostics.channel_search import ChannelSearch
 from estimation.diagnostics.finding import Assumption, Finding, join_words
+from estimation.diagnostics.plausibility import advise_on_scale, is_far
 from estimation.processing import NoiseModel, PeriodicRecording
 from expdesign.configuration import InputError, Problem
 from expdesign.configuration.estimate import LENGTH_CHANNELS, DataSection
@@ -48,6 +49,8 @@ _LEAST_CERTAIN_GAIN = 0.1
 """Relative standard deviation from which on the scale of a force is not certain."""
 _SHOWN_ERROR = 0.005
 """Smallest relative standard deviation of a scale that is shown."""
+_ALIKE = 0.8
+"""Smallest square of the cosine between forces of a machine and those of its robot file."""
 _ASSIGNED = Assumption(
     "the channels are those of the struts, with their signs and zeros",
     "a channel is assigned wrongly",
@@ -89,6 +92,8 @@ class ChannelCheck:
     """Whether neither the channels of the section nor others explain the forces."""
     lag: str = ""
     """Sentence on a lag of the forces that may be a delay, a filter or both; empty: none."""
+    force_scale: str = ""
+    """Sentence on a factor of all forces that no machine of the kind has; empty: none."""
 
     def corrected(self, section: DataSection) -> dict[str, Any]:
         """Return the keys of the section that is right, without defaults, as in a run file."""
@@ -183,16 +188,27 @@ def check_channels(
     sure = sure and found.channel_lag is None and of_found > _LEAST_CERTAIN_SHARE
     sure = sure and float(np.max(gain_errors)) < _LEAST_CERTAIN_GAIN
     shown = explained, as_given, noise_share
+    scale = "" if none else _describe_force_scale(robot, *search.nominal_scale(given))
     if explained < _EXPLAINED or (none and not sure):
-        return ChannelCheck((), {}, False, *shown, unexplained=none)
+        return ChannelCheck((), {}, False, *shown, none, force_scale=scale)
     if not (faults or from_home):
-        return ChannelCheck((), {}, False, *shown, unexplained=none, lag=lag)
+        return ChannelCheck((), {}, False, *shown, none, lag, scale)
     has_units = has_units or not section.units.keys().isdisjoint({"q", *LENGTH_CHANNELS})
     keys = dict(_changed_keys(section, found, zeros, has_units))
     if from_home:
         faults = ("q", "the lengths are measured from home"), *faults
         keys = {"offset": "home"} | keys
     return ChannelCheck(faults, keys, sure, *shown, lag=lag)
+
+
+def _describe_force_scale(robot: Robot, factor: float, alike: float) -> str:
+    """Return the sentence on a factor between measured forces and those of the robot file."""
+    if alike < _ALIKE or not is_far(factor):
+        return ""
+    return (
+        f"the forces are about {factor:.2g} times those of the robot file: "
+        f"{advise_on_scale(factor, robot.description.drive.torque_per_force)}"
+    )
 
 
 def channel_findings(checks: Sequence[ChannelCheck]) -> tuple[Finding, ...]:
@@ -257,11 +273,14 @@ def _faults(found: Candidate, late_error: float, gain_errors: Array) -> Iterator
             known = f" ± {error:.1g}" if error > _SHOWN_ERROR * size else ""
             yield f"{key}{number}", f"{key}{number} is read {size:.3g}{known} times too {word}"
     errors = found.lengths.offsets
-    for number in _numbers(errors != 0):
+    shifted = join_words(f"q{number}" for number in _numbers(errors != 0))
+    if shifted:
+        amounts = join_words(f"{-1e3 * error:.3g}" for error in errors if error)
+        zeros = "zeros of {} are" if " and " in shifted else "zero of {} is"
         yield (
-            f"q{number}",
-            f"the zero of q{number} is wrong by {-1e3 * errors[number - 1]:.3g} mm (an equal error "
-            "of a joint along the strut has the same effect; state what may be left of it as "
+            shifted,
+            f"the {zeros.format(shifted)} wrong by {amounts} mm (an equal error of a joint "
+            "along the strut has the same effect; state what may be left of it as "
             "`tolerances.strut_length`)",
         )
     if found.delay:

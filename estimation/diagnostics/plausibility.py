@@ -109,7 +109,8 @@ def plausibility(robot: Robot, priors: ParameterPriors, estimate: ParameterEstim
     doubts = [test for test in tests if test.p < _LEVEL]
     expected = np.array(robot.parameters)
     inertial = np.array([parameter.unit in _INERTIAL_UNITS for parameter in parameters])
-    scale = ForceScale.of(values, std, expected, judged & inertial)
+    torque = robot.description.drive.torque_per_force
+    scale = ForceScale.of(values, std, expected, judged & inertial, torque)
     smallest = min((test.p for test in tests), default=1.0)
     if scale is not None and (doubts or scale.p < _LEVEL):
         finding = FORCE_SCALE.fails(
@@ -269,10 +270,17 @@ class ForceScale:
     """(m,), parameters that differ by this factor."""
     p: float
     """p of the difference under noise, for the least certain of these."""
+    torque_per_force: float | None = None
+    """Torque at the motor per force of an actuator, N m/N; None without a gear."""
 
     @classmethod
     def of(
-        cls, values: Array, std: Array, expected: Array, judged: NDArray[np.bool_]
+        cls,
+        values: Array,
+        std: Array,
+        expected: Array,
+        judged: NDArray[np.bool_],
+        torque_per_force: float | None = None,
     ) -> Self | None:
         """Find the common factor of most precise parameters, (m,) each; None if there is none.
 
@@ -283,8 +291,7 @@ class ForceScale:
         known = judged & (expected != 0) & (std < _KNOWN_WELL * np.abs(values))
         ratios = np.divide(values, expected, out=np.full(len(values), np.nan), where=known)
         factor = float(np.median(ratios[known])) if np.any(known) else 1.0
-        size = abs(factor)
-        far = factor < 0 or size <= 1 / _FAR or size >= _FAR or _unit_of(size) is not None
+        size, far = abs(factor), is_far(factor)
         if not far and 1 / _NEARBY <= size <= _NEARBY:
             return None
         spread, most, fewest = (_ALIKE, _MOST, _FEWEST) if far else _OF_NEARBY
@@ -292,7 +299,8 @@ class ForceScale:
         if np.count_nonzero(alike) < max(fewest, most * np.count_nonzero(known)):
             return None
         gaps = np.abs(values - expected)[alike] / std[alike]
-        return cls(factor, far, alike, float(scipy.stats.norm.sf(np.min(gaps))))
+        p = float(scipy.stats.norm.sf(np.min(gaps)))
+        return cls(factor, far, alike, p, torque_per_force)
 
     def where(self, names: tuple[str, ...]) -> str:
         """Return the factor and the names of the parameters in words."""
@@ -307,38 +315,53 @@ class ForceScale:
     @property
     def advice(self) -> str:
         """Probable causes, with the keys to change."""
-        size, words = abs(self.factor), []
-        if self.factor < 0:
-            words.append(
-                "the sign of all forces is wrong (forces are positive when they extend the strut: "
-                "`data.sign: {Q: -1}`, or a negative `data.force_constants`), or gravity and the z "
-                "axis point the other way"
-            )
-        unit = _unit_of(size)
-        if unit is not None:
-            words.append(
-                f"the forces are in another unit, by the factor in {unit} (`data.units: {{Q: "
-                f"{unit}}}`)"
-                if unit != FORCE.unit
-                else "the forces are in newtons, and `data.units` says another unit"
-            )
-        if size <= 1 / _FAR:
-            words.append(
-                "currents were read as newtons (`data.units: {Q: A}` with `data.force_constants` "
-                f"of about {float(f'{1 / size:.2g}'):g} N/A), or the given force constants are "
-                "too small by that factor"
-            )
-        elif not self.far:
-            words.append(
-                "check the force constants and the unit of the forces (`data.force_constants`, "
-                "`data.units`; peak or effective currents, gear, lead), or correct the a-priori "
-                "masses of the robot file"
-            )
-        elif size >= _FAR and unit is None:
-            words.append(
-                "the force constants (`data.force_constants`) are too large by about that factor"
-            )
-        return "; or ".join(words)
+        return advise_on_scale(self.factor, self.torque_per_force, far=self.far)
+
+
+def is_far(factor: float) -> bool:
+    """Return whether no other machine of the kind has forces that differ by such a factor."""
+    size = abs(factor)
+    return factor < 0 or not 1 / _FAR < size < _FAR or _unit_of(size) is not None
+
+
+def advise_on_scale(factor: float, torque_per_force: float | None, *, far: bool = True) -> str:
+    """Return probable causes of a common factor of all forces, with the keys to change."""
+    size, words = abs(factor), []
+    if factor < 0:
+        words.append(
+            "the sign of all forces is wrong (forces are positive when they extend the strut: "
+            "`data.sign: {Q: -1}`, or a negative `data.force_constants`), or gravity and the z "
+            "axis point the other way"
+        )
+    turn = 0.0 if torque_per_force is None else float(np.log(torque_per_force))
+    if turn and abs(np.log(size) - turn) < _NEAR:
+        words.append("torques in N m were read as newtons (`data.units: {Q: N m}`)")
+    elif turn and abs(np.log(size) + turn) < _NEAR:
+        words.append("forces in newtons were read as torques (`data.units: {Q: N}`)")
+    unit = _unit_of(size)
+    if unit is not None:
+        words.append(
+            f"the forces are in another unit, by the factor in {unit} (`data.units: {{Q: {unit}}}`)"
+            if unit != FORCE.unit
+            else "the forces are in newtons, and `data.units` says another unit"
+        )
+    if size <= 1 / _FAR:
+        words.append(
+            "currents were read as newtons (`data.units: {Q: A}` with `data.force_constants` "
+            f"of about {float(f'{1 / size:.2g}'):g} N/A), or the given force constants are "
+            "too small by that factor"
+        )
+    elif not far:
+        words.append(
+            "check the force constants and the unit of the forces (`data.force_constants`, "
+            "`data.units`; peak or effective currents, gear, lead), or correct the a-priori "
+            "masses of the robot file"
+        )
+    elif size >= _FAR and unit is None:
+        words.append(
+            "the force constants (`data.force_constants`) are too large by about that factor"
+        )
+    return "; or ".join(words)
 
 
 def _unit_of(factor: float) -> str | None:

@@ -147,11 +147,11 @@ def show_channels(run: str, data: Path, design: Path | None, *, as_json: bool) -
         "and the robot file those of the recording?"
     )
     doubts = [doubt] if found.unexplained and not failure else []
-    doubts += [found.lag] if found.lag else []
+    doubts += filter(None, (found.lag, found.force_scale))
     if as_json:
         faults = [{"place": place, "sentence": sentence} for place, sentence in found.faults]
-        shares = {key: getattr(found, key) for key in ("explained", "as_given", "noise")}
-        channels = {"faults": faults, "sure": found.sure, "lag": found.lag, **shares}
+        keys = ("sure", "lag", "force_scale", "explained", "as_given", "noise")
+        channels = {"faults": faults, **{key: getattr(found, key) for key in keys}}
         result = {"data": section, "channels": channels, "warnings": remarks + doubts}
         if failure:
             raise StageFailed(failure, result)

@@ -142,6 +142,45 @@ def test_lengths_come_from_the_design():
     assert found.keys == {"order": {"q": [3, 4, 1, 2, 5, 6]}, "sign": {"q": [1, 1, 1, 1, -1, 1]}}
 
 
+def check_along_the_design(data):
+    """Return the check of the channels with the executed design."""
+    case = run()
+    return check_channels(ROBOT, case.run.data, *fold_measurement(case, data, MOTION), 2, MOTION)
+
+
+@pytest.mark.parametrize("quiet", [1.0, 0.3, QUIET])
+def test_zeros_of_all_lengths_come_from_the_design(quiet):
+    """A counter's own zeros, 9 to 31 mm: never wrong, and certain where forces are precise."""
+    zeros = np.array([25.9, 11, 8.9, 17.9, 25.6, 31.2])
+    for seed in range(4):
+        data = counted_otherwise(recording(seed, quiet), offset=-1e-3 * zeros)
+        found = check_along_the_design(data)
+        assert found.sure or quiet == 1
+        if found.faults:
+            written = [float(each.removesuffix(" mm")) for each in found.keys["offset"]["q"]]
+            assert written == pytest.approx(zeros, abs=0.1)
+
+
+@pytest.mark.parametrize("quiet", [1.0, QUIET])
+def test_a_motion_at_another_place_has_the_right_zeros(quiet):
+    """The lengths differ from those of the design by more than a centimetre; the forces decide."""
+    place = MOTION.lambda0 + np.array([0.005, -0.01, 0.01, 0.02, 0.01, 0.03])
+    for seed in range(4):
+        data = measured(replace(MOTION, lambda0=place), seed, force_scale=quiet, length_scale=quiet)
+        assert not check_along_the_design(data).faults
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [(1 / 4.448, "`data.units: {Q: lbf}`"), (0.003, "`data.units: {Q: A}`"), (1.3, ""), (0.6, "")],
+)
+def test_a_unit_of_all_forces_is_named_by_the_factor(factor, words):
+    found = check_along_the_design(counted_otherwise(recording(1, 0.2), sign=[factor] * 6))
+    assert not found.faults
+    assert words in found.force_scale
+    assert bool(words) == bool(found.force_scale)
+
+
 @pytest.mark.parametrize("sign", [[1] * 6, SECOND])
 @pytest.mark.parametrize("unit", [1.0, 1e-3])
 def test_lengths_that_are_counted_from_home(unit, sign):
