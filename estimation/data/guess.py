@@ -54,9 +54,18 @@ class DataGuess:
 def guess_files(
     lengths: Path, forces: Path | None = None, robot: ResolvedRobot | None = None
 ) -> DataGuess:
-    """Guess the section `data` for a recording in one file, or in two; as `guess_data`."""
+    """Guess the section `data` for a recording in one file, or in two; as `guess_data`.
+
+    Raises
+    ------
+    InputError
+        As `guess_data`, or the names of the columns say that the forces are in the first file.
+    """
     if forces is None:
         return guess_data(lengths, robot)
+    if _has_rather(lengths, "Q") and _has_rather(forces, "q"):
+        message = f"its columns are forces by their names, and those of {forces.name} are lengths"
+        raise InputError(message, lengths, allowed="the file of the lengths first")
     one, two = guess_data(lengths, robot, "q"), guess_data(forces, robot, "Q")
     section: dict[str, Any] = {}
     for key in dict.fromkeys((*one.section, *two.section)):
@@ -76,6 +85,16 @@ def guess_files(
         for one in found.facts
     ]
     return DataGuess(section, facts, list(dict.fromkeys((*one.questions, *two.questions))))
+
+
+def _has_rather(path: Path, group: Literal["q", "Q"]) -> bool:
+    """Return whether six columns of a file are better channels of a group than of the other one."""
+    families = _families(format_of(path).columns_of(path).columns)
+    own, other = (
+        max((one.score(each) for one in families), default=0.0)
+        for each in (group, "q" if group == "Q" else "Q")
+    )
+    return own > other
 
 
 def guess_data(

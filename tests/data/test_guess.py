@@ -234,6 +234,17 @@ def test_units_that_an_mdf_file_states(unit, question, tmp_path, rec):
     assert all(question in text for text in guess.questions)
 
 
+def test_two_files_in_the_wrong_order_are_refused(tmp_path, rec):
+    files = tmp_path / "torque.csv", tmp_path / "pos.csv"
+    for file, name, values in zip(files, ("ActTorque", "ActPos"), (rec.Q, rec.q), strict=True):
+        columns = [f"{name}{j}" for j in range(1, 7)]
+        pd.DataFrame(values, columns=columns).to_csv(file, index=False)
+    with pytest.raises(InputError, match="lengths first") as error:
+        guess_files(*files)
+    assert error.value.problems[0].file == files[0]
+    assert guess_files(*reversed(files)).section["columns"]["Q6"] == "ActTorque6"
+
+
 def test_two_files_without_time_need_a_rate_and_units_alone(tmp_path, rec, palida):
     """As drives store them: positions of motors, and torques, with the same names."""
     names = [f"Joint_{j}" for j in range(1, 7)]
