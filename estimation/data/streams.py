@@ -71,11 +71,13 @@ def join_tables(
         before = np.searchsorted(fast.time, base.time[rows], side="right") - 1
         values["period"] = table.values["period"][before]
     order = ["t", *(name for one in (table, other) for name in one.values if name != "t")]
+    columns = {name: replace(one, file=source.file) for name, one in source.columns.items()}
+    columns |= (table, other)[slow].columns
     values["t"] = base.time[rows]
     joint = replace(
         (table, other)[slow],
         values={name: values[name] for name in order},
-        columns={**other.columns, **table.columns, "t": RecordedColumn("t", unit="s")},
+        columns=columns | {"t": RecordedColumn("t", unit="s")},
         rows=np.array([(table, other)[slow].row_number(row) for row in rows.tolist()]),
         texts={},
         origin=0.0,

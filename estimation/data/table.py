@@ -37,6 +37,8 @@ class RecordedColumn:
     short: str = ""
     """Name without the unit and without the struct or group."""
     unit: str | None = None
+    file: Path | None = None
+    """File of the column if the table has rows of another one."""
 
     def __post_init__(self) -> None:
         """Fill in the shorter names."""
@@ -254,6 +256,8 @@ class RawTable:
         self, message: str, channel: str, row: int | None = None, allowed: str | None = None
     ) -> Problem:
         """Describe a defect of a column, or of one of its cells."""
+        if self._other_file(channel):
+            return self.header_problem(message, channel, allowed)
         if row is None or self.row_noun == "line":
             line = None if row is None else self.row_number(row)
             return Problem(message, self.file, line, self.column_name(channel), allowed)
@@ -262,8 +266,13 @@ class RawTable:
 
     def header_problem(self, message: str, channel: str, allowed: str | None = None) -> Problem:
         """Describe a defect in the header of a column."""
-        line = self.header_line if self.row_noun == "line" else None
-        return Problem(message, self.file, line, self.column_name(channel), allowed)
+        other = self._other_file(channel)
+        line = self.header_line if self.row_noun == "line" and other is None else None
+        return Problem(message, other or self.file, line, self.column_name(channel), allowed)
+
+    def _other_file(self, channel: str) -> Path | None:
+        """Return the file of a column whose rows are not those of this table."""
+        return self.columns[channel].file if channel in self.columns else None
 
     def part(self, first: int, end: int) -> RawTable:
         """Return the rows from `first` on and before `end`."""

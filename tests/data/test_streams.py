@@ -101,6 +101,14 @@ def test_two_rates_meet_at_the_lower_one(tmp_path, of_lengths, of_forces, dates)
     )
 
 
+@pytest.mark.parametrize("rates", [(500, 250), (250, 500)])
+def test_a_length_out_of_range_names_the_file_of_the_lengths(tmp_path, rates):
+    section = _files(tmp_path, *(_grid(rate) for rate in rates)) | {"offset": 700}
+    with pytest.raises(InputError) as error:
+        _read(section)
+    assert {problem.file.name for problem in error.value.problems} == {"position.csv"}
+
+
 def test_a_late_beginning_of_one_file_doubts_the_clocks(tmp_path):
     (remark, *_) = _read(_files(tmp_path, _grid(500), _grid(500, 0.056))).warnings
     assert "forces begin 56 ms later" in remark
