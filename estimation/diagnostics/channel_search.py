@@ -337,7 +337,8 @@ class ChannelSearch:
         best = min(tried, key=lambda each: each.excess)
         if np.count_nonzero(best.lengths.offsets) > _MOST_SHIFTED:
             # Zeros of all lengths, or a machine that stands elsewhere: the forces must be clear.
-            plain = min(tried[1:], key=lambda each: each.excess)
+            given = [each for each in tried if not np.any(each.lengths.offsets)]
+            plain = min(given, key=lambda each: each.excess)
             least = max(self.least_decrease, (_MUCH_BETTER - 1) * self.left(best.excess))
             best = replace(best, next_best=min(best.next_best, plain.excess))
             best = best if plain.excess - best.excess > least else plain

@@ -576,8 +576,9 @@ def _warnings(
         if theta is not None and theta.with_priors and np.any(apart > _FAR):
             found.append(
                 f"{name}: parameters differ from those of ML by up to {np.nanmax(apart):.2g} "
-                f"standard deviations. The effect of the tolerances, which {name} takes as linear, "
-                "is probably not so, as near a singular pose: its intervals are too narrow. Use ML"
+                "standard deviations. If the diagnosis names no other effect, tolerances act "
+                f"beyond their linear range, as near a singular pose: intervals of {name} are too "
+                "narrow, use ML"
             )
         found += [
             f"{name}: {priors.names[k]} is at its bound (`estimate.bounds`), which its "
