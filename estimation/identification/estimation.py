@@ -577,8 +577,8 @@ def _warnings(
             found.append(
                 f"{name}: parameters differ from those of ML by up to {np.nanmax(apart):.2g} "
                 "standard deviations. If the diagnosis names no other effect, tolerances act "
-                f"beyond their linear range, as near a singular pose: intervals of {name} are too "
-                "narrow, use ML"
+                "beyond their linear range, as near a singular pose, and its intervals are too "
+                "narrow: use ML"
             )
         found += [
             f"{name}: {priors.names[k]} is at its bound (`estimate.bounds`), which its "
