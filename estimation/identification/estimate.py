@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.channels.check import channel_findings
 from estimation.data.measurement import Measurement
-from estimation.diagnostics.channels import channel_findings
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.diagnosis_result import Diagnosis, ResidualDiagnosis
 from estimation.diagnostics.finding import Status

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from constraints.arrays import Array
+from estimation.channels.check import ChannelCheck
+from estimation.channels.lag import slow_low_pass_warning
 from estimation.data.measurement import Measurement, add_motors
-from estimation.diagnostics.channel_lag import slow_low_pass_warning
-from estimation.diagnostics.channels import ChannelCheck
 from estimation.estimators import (
     Experiment,
     ParameterEstimate,

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.channels.check import ChannelCheck, check_channels
+from estimation.channels.lag import slow_low_pass_warning
 from estimation.data.measurement import Measurement
-from estimation.diagnostics.channel_lag import slow_low_pass_warning
-from estimation.diagnostics.channels import ChannelCheck, check_channels
 from estimation.estimators import Experiment, ParameterPriors, linear_estimate
 from estimation.estimators.experiment import MotionEstimate
 from estimation.identification.harmonics import recorded_noise, refine_motion, weigh_signs

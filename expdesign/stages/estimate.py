@@ -10,9 +10,9 @@ from typing import Any
 from numpy.linalg import LinAlgError
 
 from estimation import identification
+from estimation.channels.check import ChannelCheck
 from estimation.data.measurement import Measurement, add_motors
 from estimation.diagnostics import noise_analysis
-from estimation.diagnostics.channels import ChannelCheck
 from estimation.diagnostics.noise_result import NoiseResult
 from estimation.feedforward.comparison import compare_feedforward
 from estimation.feedforward.result import FeedforwardResult

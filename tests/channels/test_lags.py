@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimation.channels.report import describe_lag
 from estimation.data.measurement import Measurement
 from estimation.data.sensors import SensorResponse
-from estimation.diagnostics.channel_lag import describe_lag
 from estimation.diagnostics.finding import Status
 from estimation.identification import estimate, estimate_parameters
 from estimation.identification.recording import check_recording, fold_measurement

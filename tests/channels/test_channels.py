@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from estimation.channels.check import check_channels
 from estimation.data.sensors import SensorResponse
-from estimation.diagnostics.channels import check_channels
 from estimation.diagnostics.finding import Status
 from estimation.identification import estimate, estimate_parameters
 from estimation.identification.recording import fold_measurement

@@ -1,0 +1,228 @@
+"""Check of the channels before an estimate: order, sign, scale, zero, and delay of the forces.
+
+A wrong channel is not a small deviation: estimated tolerances would absorb it, and the candidate
+effects of the diagnosis, derivatives at the estimate, would interpret it as cogging or drives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from constraints.arrays import Array
+from estimation.channels.lag import delay_error
+from estimation.channels.model import ChannelModel
+from estimation.channels.report import (
+    changed_keys,
+    describe_channel_lag,
+    describe_faults,
+    describe_force_scale,
+    describe_lag,
+    flow,
+    shortened,
+)
+from estimation.channels.search import ChannelSearch
+from estimation.diagnostics.finding import Assumption, Finding, join_words
+from estimation.processing import NoiseModel, PeriodicRecording
+from expdesign.configuration import InputError, Problem
+from expdesign.configuration.estimate import LENGTH_CHANNELS, DataSection
+from expdesign.configuration.run import yaml_lines
+from expdesign.configuration.tolerances import RobotTolerances
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.robot import Robot
+from expdesign.trajectory import FourierTrajectory
+
+_LEAST_ZERO = 2e-3
+"""Smallest error of a length's zero that is a fault, relative to the length."""
+_LEAST_DELAY = 0.75
+"""Smallest delay that is a fault, in steps of the recording."""
+_TOLERATED = 4.0
+"""Standard deviations of a tolerance that are no fault of a channel."""
+_EXPLAINED = 0.75
+"""Share of the forces beyond the noise that other channels must explain."""
+_LITTLE, _LEAST_EXPLAINED = 0.5, 0.05
+"""Smallest share of the forces' variation that their channels explain, without and with noise."""
+_LEFT = 0.02
+"""Largest unexplained share of the forces with channels that are certain."""
+_CLEAR = 4.0
+"""Ratio of the unexplained forces of the next best channels to those of the best."""
+_LEAST_CERTAIN_SHARE = 0.01
+"""Smallest share of the forces' variation that channels explain which are certain."""
+_LEAST_CERTAIN_GAIN = 0.1
+"""Relative standard deviation from which on the scale of a force is not certain."""
+_ASSIGNED = Assumption(
+    "the channels are those of the struts, with their signs and zeros",
+    "a channel is assigned wrongly",
+    "check the cabling and the files of the controller",
+)
+
+
+class WrongChannelsError(InputError):
+    """Channels of a recording that contradict the section `data`, with the section that is right.
+
+    `details` has this section for programs.
+    """
+
+    def __init__(
+        self, problems: Iterable[Problem], details: Mapping[str, Any] = MappingProxyType({})
+    ) -> None:
+        super().__init__(problems)
+        self.details = dict(details)
+
+
+@dataclass(frozen=True)
+class ChannelCheck:
+    """Channels of a recording that explain it better than those of the section `data`."""
+
+    faults: tuple[tuple[str, str], ...]
+    """Place and sentence of each fault; empty: none was found."""
+    keys: dict[str, Any]
+    """Keys of `data` that change, with their values as in a run file."""
+    sure: bool
+    """Whether no other channels explain the recording nearly as well."""
+    explained: float
+    """Share of the forces beyond the noise that the other channels explain."""
+    as_given: float | None = None
+    """Share of the variation of the forces that the channels of the section explain; None: they
+    were not checked."""
+    noise: float = 0.0
+    """Share of the variation of the forces that is noise."""
+    unexplained: bool = False
+    """Whether neither the channels of the section nor others explain the forces."""
+    lag: str = ""
+    """Sentence on a lag of the forces that may be a delay, a filter or both; empty: none."""
+    force_scale: str = ""
+    """Sentence on a factor of all forces that no machine of the kind has; empty: none."""
+
+    def corrected(self, section: DataSection) -> dict[str, Any]:
+        """Return the keys of the section that is right, without defaults, as in a run file."""
+        return shortened(section.model_dump(exclude_defaults=True) | self.keys)
+
+    def refuse(self, section: DataSection, source: str) -> None:
+        """Refuse a recording whose channels certainly contradict the section.
+
+        Raises
+        ------
+        WrongChannelsError
+            It contains the section that is right.
+        """
+        if not (self.faults and self.sure):
+            return
+        sentences = "; ".join(sentence for _, sentence in self.faults)
+        corrected = self.corrected(section)
+        text = "".join(yaml_lines("data", corrected, 2))
+        message = f"{sentences}. The section that is right:\n{text.rstrip()}"
+        allowed = "this section, or --force to estimate in spite of it"
+        problem = Problem(message, Path(source) if source else None, allowed=allowed)
+        raise WrongChannelsError([problem], {"data": corrected})
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The finding that reports the faults; empty unless they are certain."""
+        if not (self.faults and self.sure):
+            return ()
+        places, sentences = zip(*self.faults, strict=True)
+        found = _ASSIGNED.report_failure(
+            f"{'; '.join(sentences)}: that explains the force residuals"
+        )
+        advice = join_words(f"`data.{key}: {flow(value)}`" for key, value in self.keys.items())
+        return (
+            replace(
+                found,
+                contradiction=f"{_ASSIGNED.contradiction} ({', '.join(places)})",
+                advice=f"{advice}, or correct the cables or the home offset, then estimate again",
+            ),
+        )
+
+
+def check_channels(
+    robot: Robot,
+    section: DataSection,
+    recording: PeriodicRecording,
+    noise: NoiseModel,
+    harmonics: int,
+    design: FourierTrajectory | None = None,
+    *,
+    has_units: bool = False,
+) -> ChannelCheck:
+    """Search for channels that explain a recording much better than those of the section.
+
+    All parameters are free, the geometry is the nominal one. With the executed design, its lengths
+    determine the channels of the lengths. If the file has their units, another unit is a scale.
+    """
+    home = robot.inverse_kinematics(robot.home)
+    zeros = home if section.length_offsets == "home" else np.array(section.length_offsets)
+    least_zeros, least_delay = _least_faults(robot, home, recording.step)
+    least = least_zeros, least_delay
+    model = ChannelModel(robot, recording, noise, harmonics, zeros, *least)
+    from_home = not (model.possible or np.any(zeros))
+    if from_home:
+        zeros = home
+        lengths = replace(recording.lengths, values=recording.lengths.values + home)
+        recording = replace(recording, lengths=lengths)
+        model = ChannelModel(robot, recording, noise, harmonics, zeros, *least)
+    given = model.candidate_as_measured()
+    found = ChannelSearch(model).search(design)
+    left, gain = model.left(found.excess), given.excess - found.excess
+    explained = gain / (gain + left) if gain > model.least(found) else 0.0
+    if from_home:  # lengths from zero explain nothing: no pose has them
+        explained = 1 - left
+    as_given, noise_share = model.explained_variation(given)
+    of_found = model.explained_variation(found)[0]
+    none = max(as_given, of_found) < max(_LITTLE * (1 - noise_share), _LEAST_EXPLAINED)
+    late_error = delay_error(model, found) if found.delay else 0.0
+    gain_errors = model.gain_errors(found)
+    filtered = any(section.channel_filters("Q"))
+    ambiguous = found.low_pass is not None or (found.delay < 0 and filtered)
+    lag = ""
+    if ambiguous:
+        lag = describe_lag(robot, found.delay, found.low_pass, section)
+    elif found.channel_lag is not None:
+        lag = describe_channel_lag(found.channel_lag, section)
+    found = replace(found, delay=0.0) if ambiguous else found
+    faults = tuple(describe_faults(found, late_error, gain_errors))
+    margin = found.next_best - found.excess
+    sure = left < _LEFT and margin > max(_CLEAR * left, model.least_decrease)
+    # Channels that explain mean forces alone, behind a low pass of all variation, are not certain.
+    sure = sure and found.channel_lag is None and of_found > _LEAST_CERTAIN_SHARE
+    sure = sure and float(np.max(gain_errors)) < _LEAST_CERTAIN_GAIN
+    shown = explained, as_given, noise_share
+    scale = "" if none else describe_force_scale(robot, *model.nominal_scale(given))
+    if explained < _EXPLAINED or (none and not sure):
+        return ChannelCheck((), {}, False, *shown, none, force_scale=scale)
+    if not (faults or from_home):
+        return ChannelCheck((), {}, False, *shown, none, lag, scale)
+    has_units = has_units or not section.units.keys().isdisjoint({"q", *LENGTH_CHANNELS})
+    keys = dict(changed_keys(section, found, zeros, has_units))
+    if from_home:
+        faults = ("q", "the lengths are measured from home"), *faults
+        keys = {"offset": "home"} | keys
+    return ChannelCheck(faults, keys, sure, *shown, lag=lag)
+
+
+def channel_findings(checks: Sequence[ChannelCheck]) -> tuple[Finding, ...]:
+    """Return the findings of all recordings; those of several name the recording."""
+    return tuple(
+        finding.of_experiment(number) if len(checks) > 1 else finding
+        for number, check in enumerate(checks, 1)
+        for finding in check.findings
+    )
+
+
+def _least_faults(robot: Robot, home: Array, step: float) -> tuple[Array, float]:
+    """Return the smallest faults of zeros, (6,), m, and of the delay, s: beyond the tolerances."""
+    tolerances = robot.description.tolerances or RobotTolerances()
+    own = np.array(tolerances.strut_length or [0.0] * ACTUATORS) ** 2
+    for joints in (tolerances.base_joints, tolerances.platform_joints):
+        if joints is not None:
+            own = own + np.max(np.array(joints) ** 2, axis=1)
+    zeros = np.maximum(_LEAST_ZERO * home, _TOLERATED * np.sqrt(own))
+    each = tolerances.channel_delay
+    own_delay = max(each.forces) if each is not None and each.forces else 0.0
+    late = float(np.hypot(tolerances.delay or 0.0, own_delay))
+    return zeros, max(_LEAST_DELAY * step, _TOLERATED * late)

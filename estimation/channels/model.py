@@ -1,0 +1,377 @@
+"""Model of a recording along alternative wirings and lags of its channels.
+
+All wirings of the forces are fitted at once; lengths move the regressor and are tried one after the
+other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from constraints.arrays import Array, ComplexArray
+from estimation.channels.wiring import (
+    DETERMINED,
+    ORDERS,
+    OTHER_GAIN,
+    SPREADS,
+    STRUTS,
+    UNITS,
+    Candidate,
+    ChannelLag,
+    ForceFit,
+    Wiring,
+    round_factor,
+)
+from estimation.measurement_model import HarmonicMotion
+from estimation.processing import NoiseModel, PeriodicRecording
+from estimation.processing.periodic_recording import Channels
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.mechanism.terms.rigid_platform import MASS
+from expdesign.robot import Robot
+from expdesign.trajectory import FourierTrajectory, PhaseBasis
+
+_FORCE_ROWS, _LENGTH_ROWS = 1000, 256
+"""Largest number of rows in use: means over periods, or single samples."""
+_STEPS = 12
+_DAMPING = 1e-9
+_REACHED = 1e-6
+"""m. Last Newton step: the error after it is of the order of its square over a metre."""
+_LARGEST_STEP = 0.3
+"""Largest step of a pose, in units of the characteristic length."""
+_SHORTEST, _LONGEST = 0.5, 2.0
+"""Possible lengths of a strut, relative to that at home."""
+_MOST_STRUTS = 4
+LEAST = 40.0
+"""Least decrease of the sum of squares, in variances; by chance it has a probability of 1e-10."""
+MUCH_BETTER = 4.0
+"""Ratio of unexplained forces from which on another wiring is preferred to a simpler one."""
+_EQUAL = 1e-3
+"""Unexplained share, in addition; another order or sign leaves 4 % or more."""
+_OF_LENGTHS = 4
+"""Harmonics of a length that is shifted, relative to those of the motion."""
+OF_LAG = 0.5
+"""Least decrease by a lag of the channels as measured, relative to that by any of all wirings."""
+_LOW_PASS = np.polynomial.laguerre.laggauss(16)
+"""Delays of a low pass over its time constant, and their shares."""
+_ALIKE = 0.1
+_FURTHER = 3
+"""Harmonics of lengths, in addition to those of the motion."""
+_PHASES = 240
+_UNLIKE = 0.1
+"""Largest sum of 1 − correlation of the six lengths with those of a design that was executed."""
+_CLEARLY = 8.0
+MOST_SHIFTED = 2
+_CLEAR_WORK = 10.0
+"""Work of the actuators over a period that is not noise, in standard deviations."""
+
+
+class ChannelModel:
+    """Rows of a recording, and the model along alternative lengths and delays.
+
+    Attributes
+    ----------
+    least_decrease : float
+        Least decrease of the unexplained share that noise does not cause.
+    possible : bool
+        Whether the lengths of most struts are possible in any unit.
+    spread : float
+        Standard deviation of the unexplained share due to noise.
+
+    Parameters
+    ----------
+    harmonics : int
+        Harmonics of the motion.
+    zeros : (6,)
+        Lengths of the struts at readings of zero, m. Signs and scales act on the readings.
+    least_zeros : (6,)
+        Smallest error of a length's zero that is a fault, m.
+    least_delay : float
+        Smallest delay that is a fault, s.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        recording: PeriodicRecording,
+        noise: NoiseModel,
+        harmonics: int,
+        zeros: Array,
+        least_zeros: Array,
+        least_delay: float,
+    ) -> None:
+        self.robot, self.omega, self.step = robot, recording.omega, recording.step
+        self.zeros, self.least_zeros, self.least_delay = zeros, least_zeros, least_delay
+        self.length_times, lengths, _ = _thin_rows(recording.lengths, _LENGTH_ROWS)
+        self.readings = lengths - zeros
+        found = self._find_unit()
+        self.unit, self.possible = found or 1.0, found is not None
+        coloured, variances = noise.forces.filter, np.diag(noise.forces.covariance)
+        self._density: Array | None = None
+        rows = _FORCE_ROWS
+        if coloured is not None and coloured.samples == len(recording.forces.values):
+            # One filter for all channels, as any of them may belong to any strut.
+            spectrum = np.diagonal(coloured.spectrum, axis1=1, axis2=2).real
+            self._density, rows = np.mean(spectrum, axis=1), coloured.samples
+            variances = np.mean(spectrum / self._density[:, None], axis=0)
+        self.force_times, forces, counts = _thin_rows(recording.forces, rows)
+        self._measured_forces, self.forces = forces, self.whiten(forces)
+        self._work_noise = float(
+            np.sqrt(np.max(np.diag(noise.forces.covariance)) / np.mean(counts))
+        )
+        self._variances = variances * float(np.sum(1 / counts))
+        share = float(np.sum(self._variances) / np.sum(self.forces**2))
+        self._share = share
+        self.least_decrease = LEAST * share / self.forces.size
+        self.spread = share * float(np.sqrt(2 / self.forces.size))
+        self._harmonics = min(_OF_LENGTHS * harmonics, (len(self.readings) - 1) // 2)
+        most = min(harmonics, (len(self.readings) - 1) // 2)
+        basis = PhaseBasis.at(self.omega * self.length_times, most)
+        self._to_series = np.asarray(np.linalg.pinv(basis.value), np.float64)
+        self._scale = np.repeat([1.0, 1 / robot.characteristic_length], COORDINATES // 2)
+        self.period = recording.period
+
+    def _find_unit(self) -> float | None:
+        """Return the unit of the lengths, relative to that stated, with which most are possible."""
+        home = self.robot.inverse_kinematics(self.robot.home)
+        ends = np.quantile(self.readings, (0.05, 0.95), axis=0)
+        for unit in UNITS:
+            fits = np.zeros(ACTUATORS, dtype=bool)
+            for sign in (1, -1):
+                lengths = (self.zeros + sign * unit * ends) / home
+                fits |= np.all((lengths > _SHORTEST) & (lengths < _LONGEST), axis=0)
+            if np.count_nonzero(fits) >= _MOST_STRUTS:
+                return unit
+        return None
+
+    def motion(
+        self,
+        lengths: Wiring,
+        near: HarmonicMotion | None = None,
+        lag: ChannelLag | None = None,
+    ) -> HarmonicMotion:
+        """Return the motion with the readings nearest to the measured lengths.
+
+        Damped Newton steps, one row at a time, from a near motion or from home; lengths that no
+        pose has end at a near one. With the lag of one of the lengths, its readings are shifted
+        along their Fourier series.
+        """
+        wanted = lengths.apply(self.readings) + self.zeros
+        if lag is not None and lag.group == "q":
+            now, late = (
+                PhaseBasis.at(self.omega * (self.length_times + shift), self._harmonics).value
+                for shift in (0.0, lag.seconds)
+            )
+            series = np.linalg.lstsq(now, wanted[:, lag.strut], rcond=None)[0]
+            wanted[:, lag.strut] += (late - now) @ series
+        home = np.broadcast_to(self.robot.home, wanted.shape)
+        poses = home if near is None else near.at(self.length_times).pose()
+        largest = _LARGEST_STEP * self.robot.characteristic_length
+        for _ in range(_STEPS):
+            found, jacobian = self.robot.lengths_and_jacobian(poses)
+            slopes = jacobian * self._scale
+            turned = slopes.transpose(0, 2, 1)
+            matrix = turned @ slopes + _DAMPING * np.eye(COORDINATES)
+            step = np.linalg.solve(matrix, turned @ (wanted - found)[:, :, None])[:, :, 0]
+            size = np.linalg.norm(step, axis=1, keepdims=True)
+            step *= np.minimum(1, largest / np.maximum(size, 1e-300))
+            poses = poses + self._scale * step
+            if np.max(size) < _REACHED:
+                break
+        return HarmonicMotion((self._to_series @ poses).T, self.omega)
+
+    def columns(self, motion: HarmonicMotion, delay: float = 0.0, low_pass: float = 0.0) -> Array:
+        """Return A, (R, 6, m), for forces behind a delay and a low pass, s."""
+        nodes, weights = (_LOW_PASS) if low_pass else ([0.0], [1.0])
+        states = (motion.at(self.force_times - delay - low_pass * x).state() for x in nodes)
+        columns = [self.robot.regressor(*np.split(state, 3, axis=1)) for state in states]
+        return self.whiten(np.tensordot(weights, columns, axes=1))
+
+    def whiten(self, rows: Array) -> Array:
+        """Return forces (R, 6), or columns (R, 6, m), over the spectrum of coloured noise."""
+        if self._density is None:
+            return rows
+        scale = np.sqrt(self._density).reshape(-1, *(1,) * (rows.ndim - 1))
+        return np.fft.irfft(np.fft.rfft(rows, axis=0) / scale, len(rows), axis=0)
+
+    def fit(self, motion: HarmonicMotion, delay: float = 0.0, low_pass: float = 0.0) -> ForceFit:
+        """Return the fits of the forces along a motion, behind a delay and a low pass, s."""
+        return self.fit_columns(self.columns(motion, delay, low_pass))
+
+    def fit_columns(self, columns: Array) -> ForceFit:
+        """Return the fits of the forces by columns, (R, 6, m)."""
+        return ForceFit(columns, self.forces, self._variances)
+
+    def candidate_as_measured(self) -> Candidate:
+        """Return the wiring of the recording as it was read, with its unexplained forces.
+
+        Forces with all signs reversed explain nothing.
+        """
+        measured = Candidate.as_measured()
+        motion = self.motion(measured.lengths)
+        fit = self.fit(motion)
+        if self._orient(measured.forces, fit, motion, 0.0) is not measured.forces:
+            return measured
+        return replace(measured, excess=fit.excess(measured.forces))
+
+    def candidate(self, lengths: Wiring, delay: float) -> Candidate:
+        """Return the best wiring of the forces for given lengths and delay."""
+        motion = self.motion(lengths)
+        fit = self.fit(motion, delay)
+        forces, other = Wiring.as_measured(), fit.best()
+        if self.is_better(fit.excess(other), fit.excess(forces)):
+            forces = other
+        next_best = fit.next_best(forces)
+        scaled, next_scaled = fit.best_with_scales()
+        if self.is_better(fit.excess(scaled), fit.excess(forces)):
+            forces, next_best = scaled, min(fit.excess(forces), next_scaled)
+        excess = fit.excess(forces)
+        forces = self._orient(forces, fit, motion, delay)
+        return Candidate(lengths, forces, delay, excess, next_best)
+
+    def _orient(
+        self, forces: Wiring, fit: ForceFit, motion: HarmonicMotion, delay: float
+    ) -> Wiring:
+        """Return the wiring of the forces, with all signs reversed if physics demands it.
+
+        A fit with free parameters does not depend on this sign. The mass must be positive, and over
+        a period the actuators must do the work of friction. If the two disagree, or the work is
+        within the noise, fewer reversed signs are preferred.
+        """
+        names = self.robot.parameter_names
+        mass = float(fit.parameters(forces)[names.index(MASS)]) if MASS in names else 0.0
+        state = np.split(motion.at(self.force_times - delay).state(), 3, axis=1)
+        rates = self.robot.strut_motion(*state).length_rate
+        own = forces.apply(self._measured_forces)
+        work = float(np.sum(own * rates))
+        noise = (
+            self._work_noise * float(np.linalg.norm(rates)) * float(np.max(np.abs(forces.gains)))
+        )
+        clear = work * mass > 0 and abs(work) > _CLEAR_WORK * noise
+        sign = work if clear else float(np.sum(np.sign(forces.gains)))
+        return forces if sign >= 0 else replace(forces, gains=-forces.gains)
+
+    def is_better(self, excess: float, other: float) -> bool:
+        """Return whether a wiring is preferred to a simpler one, by their unexplained shares."""
+        least = max(self.least_decrease, _EQUAL, (MUCH_BETTER - 1) * self.left(excess))
+        return other - excess > least
+
+    def differs(self, one: Candidate, other: Candidate) -> bool:
+        """Return whether order, sign, scale or zero of a channel differ."""
+        pairs = ((one.lengths, other.lengths), (one.forces, other.forces))
+        return any(
+            np.any(a.channels != b.channels) or not np.allclose(a.gains, b.gains, rtol=_ALIKE)
+            for a, b in pairs
+        ) or bool(np.any(np.abs(one.lengths.offsets - other.lengths.offsets) > self.least_zeros))
+
+    def least(self, found: Candidate) -> float:
+        """Return the least decrease of the unexplained share by a wiring.
+
+        It is smaller if nothing but a delay differs: this is one trial, not thousands.
+        """
+        as_measured = not self.differs(found, Candidate.as_measured())
+        return OF_LAG * self.least_decrease if found.delay and as_measured else self.least_decrease
+
+    def left(self, excess: float) -> float:
+        """Return the part of an unexplained share that is not noise."""
+        return max(excess - SPREADS * self.spread, 0.0)
+
+    def variance_of_excess(self, found: Candidate) -> float:
+        """Return the mean change of the unexplained share by one parameter that fits noise.
+
+        Unexplained forces count as noise.
+        """
+        return max(1 + found.excess / self._share, 1.0) * self.least_decrease / LEAST
+
+    def explained_variation(self, candidate: Candidate) -> tuple[float, float]:
+        """Return the shares of the forces' variation that are explained, and that are noise."""
+        wiring = candidate.forces
+        forces = wiring.apply(self.forces)
+        variation = float(np.sum((forces - np.mean(forces, axis=0)) ** 2))
+        noise = float(self._variances[wiring.channels] @ wiring.gains**2)
+        left = candidate.excess * float(np.sum(forces**2)) + noise
+        return float(np.clip(1 - left / variation, 0, 1)), min(noise / variation, 1.0)
+
+    def nominal_scale(self, candidate: Candidate) -> tuple[float, float]:
+        """Return the factor of the explained forces over those of the nominal parameters.
+
+        And the square of the cosine between both: whether they differ by a factor at all.
+        """
+        motion = self.motion(candidate.lengths)
+        columns = self.columns(motion, candidate.delay, candidate.low_pass or 0.0)
+        fit = self.fit_columns(columns)
+        explained, nominal = (
+            columns @ values for values in (fit.parameters(candidate.forces), self.robot.parameters)
+        )
+        own, both = float(np.sum(nominal**2)), float(np.sum(explained * nominal))
+        return both / own, both**2 / own / float(np.sum(explained**2))
+
+    def gain_errors(self, found: Candidate) -> Array:
+        """Return the relative standard deviations of the gains of the forces, (6,)."""
+        fit = self.fit(self.motion(found.lengths), found.delay, found.low_pass or 0.0)
+        return fit.fit_gains(found.forces)[1]
+
+    def largest_share(self, shapes: Array, present: Candidate, columns: Array) -> float:
+        """Return the largest share of the forces that one of some shapes, (R, 6, n), explains.
+
+        It is in addition to the columns, (R, 6, m), of a wiring.
+        """
+        fit = self.fit_columns(columns)
+        rest = present.forces.apply(self.forces) - columns @ fit.parameters(present.forces)
+        own = np.einsum("rim,rin->nm", columns, shapes, optimize=True) @ fit.root
+        energies = np.einsum("rin,rin->n", shapes, shapes)
+        left = energies - np.sum(own**2, axis=1)
+        seen = left > DETERMINED * energies
+        explained = np.einsum("rin,ri->n", shapes, rest)[seen] ** 2 / left[seen]
+        return float(np.max(explained, initial=0.0)) / float(np.sum(self.forces**2))
+
+    def wiring_of_design(self, design: FourierTrajectory) -> Wiring | None:
+        """Return the wiring that gives the lengths of the designed motion, begun at any time.
+
+        None if the machine does not execute it, or if several wirings give these lengths.
+        """
+        harmonics = design.harmonics + _FURTHER
+        if len(self.readings) <= 2 * harmonics + 1:
+            return None
+        phases = 2 * np.pi * np.arange(_PHASES) / _PHASES
+        planned = self.robot.inverse_kinematics(design.sample(phases / design.omega).pose)
+        middle, wanted = _series(phases, planned, harmonics)
+        mean, found = _series(self.omega * self.length_times, self.readings, harmonics)
+        turns = np.exp(1j * np.outer(phases, np.arange(1, harmonics + 1)))
+        sizes = np.linalg.norm(wanted, axis=0)[:, None] * np.linalg.norm(found, axis=0)
+        products = np.einsum("tk,ki,kj->tij", turns, wanted.conj(), found, optimize=True).real
+        alike = (products / sizes)[:, STRUTS, ORDERS]
+        unlike = np.sum(1 - np.abs(alike), axis=2)
+        time, order = np.unravel_index(int(np.argmin(unlike)), unlike.shape)
+        signs, best = np.sign(alike[time, order]), float(unlike[time, order])
+        same = np.zeros(unlike.shape, dtype=bool)
+        same[:, order] = np.all(np.sign(alike[:, order]) == signs, axis=1)
+        if best > _UNLIKE or float(np.min(unlike[~same])) < _CLEARLY * best:
+            return None
+        channels = ORDERS[order]
+        energies = np.sum(np.abs(found) ** 2, axis=0)[channels]
+        gains = products[time, STRUTS, channels] / energies
+        sizes = np.abs(gains) / self.unit
+        far = np.abs(np.log(sizes)) > np.log(OTHER_GAIN)
+        gains = self.unit * signs * np.where(far, round_factor(sizes), 1.0)
+        offsets = middle - self.zeros - gains * mean[channels]
+        usual = _CLEARLY * float(np.median(np.abs(offsets)))
+        shifted = np.abs(offsets) > self.least_zeros
+        apart = shifted & (np.abs(offsets) > usual)
+        if 0 < np.count_nonzero(apart) <= MOST_SHIFTED:
+            shifted = apart
+        return Wiring(channels, gains, np.where(shifted, offsets, 0.0))
+
+
+def _series(phases: Array, values: Array, harmonics: int) -> tuple[Array, ComplexArray]:
+    """Return means, (6,), and complex amplitudes, (n, 6), of lengths at phases, rad."""
+    basis = PhaseBasis.at(phases, harmonics).value
+    found = np.linalg.lstsq(basis, values, rcond=None)[0]
+    return found[0], np.asarray(found[harmonics + 1 :] - 1j * found[1 : harmonics + 1])
+
+
+def _thin_rows(channels: Channels, most: int) -> tuple[Array, Array, Array]:
+    """Return times, values and counts of at most so many rows of a recording's channels."""
+    rows = np.unique(np.linspace(0, len(channels.values) - 1, most).astype(np.intp))
+    return channels.times[rows], channels.values[rows], channels.counts[rows]

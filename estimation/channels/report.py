@@ -1,0 +1,232 @@
+"""Sentences on faults and lags of the channels, and the keys of `data` that mend them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from constraints.arrays import Array, Mask
+from estimation.channels.wiring import UNITS, Candidate, ChannelLag
+from estimation.diagnostics.finding import join_words
+from estimation.diagnostics.plausibility import advise_on_scale, is_far
+from expdesign.configuration.estimate import DataSection
+from expdesign.configuration.tolerances import RobotTolerances
+from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.robot import Robot
+
+_SHOWN_ERROR = 0.005
+"""Smallest relative standard deviation of a scale that is shown."""
+_SHOWN = 0.02
+"""Smallest part of a lag that is stated."""
+_ALIKE = 0.8
+"""Smallest square of the cosine between forces of a machine and those of its robot file."""
+
+
+def describe_faults(
+    found: Candidate, late_error: float, gain_errors: Array
+) -> Iterator[tuple[str, str]]:
+    """Yield place and sentence of each fault.
+
+    With the errors of the delay, s, and of the gains of the forces, (6,), relative.
+    """
+    groups = {"q": found.lengths, "Q": found.forces}
+    nouns = {"q": "lengths", "Q": "forces"}
+    moved = {key: _numbers(one.channels != np.arange(ACTUATORS)) for key, one in groups.items()}
+    orders = {key: tuple(one.channels) for key, one in groups.items()}
+    if moved["q"] and orders["q"] == orders["Q"]:
+        places = ", ".join(join_words(f"{key}{number}" for number in moved[key]) for key in groups)
+        yield places, f"lengths and forces {_in_other_order(moved['q'])}"
+    else:
+        for key in groups:
+            if moved[key]:
+                place = join_words(f"{key}{number}" for number in moved[key])
+                yield place, f"the {nouns[key]} {_in_other_order(moved[key])}"
+    for key, one in groups.items():
+        place = join_words(f"{key}{number}" for number in _numbers(one.gains < 0))
+        if place:
+            yield place, f"{place} {'have' if ' and ' in place else 'has'} the opposite sign"
+        sizes = np.abs(one.gains)
+        unit = _unit(sizes) if key == "q" else ""
+        common = key == "q" and sizes[0] != 1 and np.ptp(sizes) == 0
+        if unit:
+            yield "q", f"the lengths are in another unit: {unit} if they are stated in m"
+        elif common:
+            size, word = _misreading(sizes[0])
+            yield (
+                "q",
+                f"all lengths are read {size:.3g} times too {word}: another unit, another number "
+                "of counts, or another lead or gear than in the robot file",
+            )
+        for number in [] if unit or common else _numbers(sizes != 1):
+            size, word = _misreading(sizes[number - 1])
+            error = size * gain_errors[number - 1] * (key == "Q")
+            known = f" ± {error:.1g}" if error > _SHOWN_ERROR * size else ""
+            yield f"{key}{number}", f"{key}{number} is read {size:.3g}{known} times too {word}"
+    errors = found.lengths.offsets
+    shifted = join_words(f"q{number}" for number in _numbers(errors != 0))
+    if shifted:
+        amounts = join_words(f"{-1e3 * error:.3g}" for error in errors if error)
+        zeros = "zeros of {} are" if " and " in shifted else "zero of {} is"
+        yield (
+            shifted,
+            f"the {zeros.format(shifted)} wrong by {amounts} mm (an equal error of a joint "
+            "along the strut has the same effect; state what may be left of it as "
+            "`tolerances.strut_length`)",
+        )
+    if found.delay:
+        late, early = ("forces", "lengths") if found.delay > 0 else ("lengths", "forces")
+        yield (
+            "delay",
+            f"the {late} lag behind the {early} by {1e3 * abs(found.delay):.3g} ms (± "
+            f"{1e3 * late_error:.1g} ms: state that as `tolerances.delay`)",
+        )
+
+
+def _misreading(gain: float) -> tuple[float, str]:
+    """Return how many times a reading is too large or too small, by the gain that corrects it."""
+    return (1 / gain, "large") if gain < 1 else (gain, "small")
+
+
+def _unit(gains: Array) -> str:
+    """Return the unit of all lengths in terms of the stated one; empty if they have it."""
+    return UNITS.get(gains[0], "") if gains[0] != 1 and np.all(gains == gains[0]) else ""
+
+
+def _numbers(flags: Mask) -> list[int]:
+    return [int(j) + 1 for j in np.flatnonzero(flags)]
+
+
+def _in_other_order(numbers: list[int]) -> str:
+    if len(numbers) == 2:  # noqa: PLR2004 - two change places
+        return f"{numbers[0]} and {numbers[1]} are swapped"
+    return f"{join_words(map(str, numbers))} are in another order"
+
+
+def changed_keys(
+    section: DataSection, found: Candidate, zeros: Array, has_units: bool
+) -> Iterator[tuple[str, Any]]:
+    """Yield the keys of `data` that change, with their new values as in a run file."""
+    groups = {"q": found.lengths, "Q": found.forces}
+    orders, signs, scales = {}, {}, {}
+    for key, one in groups.items():
+        column = np.argsort(section.channel_order(key))[one.channels]
+        orders[key] = (np.argsort(column) + 1).tolist()
+        own_sign = np.array(section.channel_signs(key))[one.channels]
+        signs[key] = (np.sign(one.gains).astype(int) * own_sign).tolist()
+        own_scale = np.array(section.channel_scales(key))[one.channels]
+        scales[key] = _rounded(np.abs(one.gains) * own_scale)
+    usual = [1] * ACTUATORS
+    unit = _unit(np.abs(found.lengths.gains))
+    if unit and not has_units:
+        scales["q"] = list(section.channel_scales("q"))
+        yield "units", section.units | {"q": unit}
+    for name, values, given, default in (
+        ("order", orders, section.channel_order, list(range(1, ACTUATORS + 1))),
+        ("sign", signs, section.channel_signs, usual),
+        ("scale", scales, section.channel_scales, usual),
+    ):
+        if any(value != list(given(key)) for key, value in values.items()):
+            changed = {key: value for key, value in values.items() if value != default}
+            yield name, values["q"] if values["q"] == values["Q"] else changed
+    if np.any(found.lengths.offsets):
+        offsets = np.round(1e3 * (zeros + found.lengths.offsets), 2).tolist()
+        shown = [f"{value:g} mm" if value else 0 for value in offsets]
+        others = {} if not any(section.force_offsets) else {"Q": list(section.force_offsets)}
+        yield "offset", {"q": shown, **others}
+    if found.delay:
+        late = np.array(section.channel_delays("Q")) + found.delay
+        delays = {"q": np.array(section.channel_delays("q")), "Q": late}
+        names = {"Q": "forces", "q": "lengths"}
+        yield (
+            "delay",
+            {name: _delays(delays[key]) for key, name in names.items() if any(delays[key])},
+        )
+
+
+def _delays(values: Array) -> Any:
+    """Return delays, s, as in a run file: one if all are equal."""
+    shown = [f"{1e3 * each:.3g} ms" if each else 0 for each in values.tolist()]
+    return shown[0] if len(set(shown)) == 1 else shown
+
+
+def _rounded(values: Array) -> list[float | int]:
+    return [int(value) if value == int(value) else float(f"{value:.3g}") for value in values]
+
+
+def shortened(value: Any) -> Any:
+    """Return a section with one value where all struts have the same, and whole numbers as such.
+
+    >>> shortened({"counts_per_revolution": (4096.0,) * 6, "start": 1.5})
+    {'counts_per_revolution': 4096, 'start': 1.5}
+    """
+    if isinstance(value, dict):
+        return {key: shortened(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        items = [shortened(item) for item in value]
+        return items[0] if len(items) == ACTUATORS and items.count(items[0]) == ACTUATORS else items
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def flow(value: Any) -> str:
+    """Return a value as in a YAML file, on one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {flow(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(flow(item) for item in value) + "]"
+    return str(value)
+
+
+def describe_lag(robot: Robot, lag: float, constant: float | None, section: DataSection) -> str:
+    """Describe a lag of the forces, s, that may be a delay or a filter, and how to state it.
+
+    It is in addition to the delays and filters of the section.
+    """
+    if constant is None:
+        return (
+            f"the lengths lag behind the forces by about {-1e3 * lag:.3g} ms (not certain), or the "
+            "forces passed a faster filter than `data.filter` states"
+        )
+    tolerances = robot.description.tolerances or RobotTolerances()
+    missing = [name for name in ("delay", "low_pass") if getattr(tolerances, name) is None]
+    rest = join_words(f"`tolerances.{name}`" for name in missing)
+    total = lag + constant
+    known = "State what is known as `data.delay` and `data.filter`"
+    slow = constant > _SHOWN * total and not any(section.channel_filters("Q"))
+    late = lag if slow else total
+    stated = np.array(section.channel_delays("Q")) + late
+    fits = [f"`data.delay: {{forces: {flow(_delays(stated))}}}`"] if late > _SHOWN * total else []
+    cutoff = 1 / (2 * np.pi * constant) if slow else 0.0
+    fits += [f"`data.filter: {{Q: {{low_pass: {cutoff:.3g} Hz, order: 1}}}}`"] if slow else []
+    return (
+        f"the forces lag behind the lengths by about {1e3 * total:.3g} ms in all (not certain), by "
+        f"a delay, a low pass or both (best fit: a delay of {1e3 * lag:.2g} ms and a low pass of "
+        f"{1e3 * constant:.2g} ms). {known}, or else the best fit, {join_words(fits)}"
+        f"{', and its uncertainty as ' * bool(rest)}{rest}"
+    )
+
+
+def describe_channel_lag(lag: ChannelLag, section: DataSection) -> str:
+    """Describe the lag of a single channel that may be a delay or a filter, and how to state it."""
+    channel = f"{lag.group}{lag.strut + 1}"
+    late = np.array(section.channel_delays(lag.group))
+    late[lag.strut] += lag.seconds
+    cutoff = 1 / (2 * np.pi * lag.seconds)
+    noun = {"q": "lengths", "Q": "forces"}[lag.group]
+    known = f"{{{noun}: {flow(_delays(late))}}}"
+    return (
+        f"{channel} lags behind the other channels by about {1e3 * lag.seconds:.3g} ms (not "
+        f"certain), by a delay or a low pass. State the delay, `data.delay: {known}`, or the "
+        f"filter, `data.filter: {{{channel}: {{low_pass: {cutoff:.3g} Hz, order: 1}}}}`"
+    )
+
+
+def describe_force_scale(robot: Robot, factor: float, alike: float) -> str:
+    """Return the sentence on a factor between measured forces and those of the robot file."""
+    if alike < _ALIKE or not is_far(factor):
+        return ""
+    return (
+        f"the forces are about {factor:.2g} times those of the robot file: "
+        f"{advise_on_scale(factor, robot.description.drive.torque_per_force)}"
+    )
