@@ -23,6 +23,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from pydantic_core import to_json
+
 from expdesign.configuration import InputError, Problem
 from expdesign.configuration.document import read_text
 
@@ -106,7 +108,8 @@ def write_text(path: Path, text: str) -> None:
 
 def write_json(path: Path, data: Any) -> None:
     """Write JSON; numbers that JSON does not have (NaN, ±inf) become null."""
-    write_text(path, json.dumps(json_values(data), indent=2, ensure_ascii=False) + "\n")
+    text = to_json(data, indent=2, inf_nan_mode="null", fallback=lambda value: value.tolist())
+    write_text(path, text.decode() + "\n")  # json.dumps takes ten times as long with an indent
 
 
 def json_values(data: Any, substitute: Callable[[float], str | None] = lambda _: None) -> Any:
