@@ -33,6 +33,7 @@ from estimation.twin.machine import draw_machine, machine_within_tolerances
 from expdesign import design
 from expdesign.configuration import RunConfiguration, load_run, resolved_yaml
 from expdesign.configuration.motions import motion_runs
+from expdesign.configuration.run import robot_yaml
 from expdesign.configuration.tolerances import IDENTIFIED_ROBOT
 from expdesign.experiment import DesignResult
 from expdesign.experiment.judging import noise_evaluator
@@ -417,7 +418,8 @@ def _estimated(run: RunConfiguration, motion: FourierTrajectory, folder: Path, s
     """
     drawn = draw_machine(run, np.random.default_rng([1, seed])).configuration
     found = estimate_parameters(run, Twin.of(drawn, motion, seed=seed).measurement(1), motion)
-    (folder / IDENTIFIED_ROBOT).write_text(identified_robot(found, None), encoding="utf-8")
+    identified = robot_yaml(identified_robot(found, None))
+    (folder / IDENTIFIED_ROBOT).write_text(identified, encoding="utf-8")
     (folder / RUN_FILE).write_text(resolved_yaml(run), encoding="utf-8")
     return folder
 

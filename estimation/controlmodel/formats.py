@@ -23,11 +23,11 @@ from constraints.arrays import Array
 from estimation.controlmodel.model import (
     VECTORS,
     WRITTEN_BY,
-    ActuatorUncertainty,
     ControlModel,
     Origin,
 )
 from estimation.controlmodel.rendering import NUMPY, C, context, render_template
+from estimation.uncertainty.forces import ActuatorForce
 from expdesign.configuration import ComputationError
 from expdesign.mechanism.hexapod import ACTUATORS, POSE, actuator_names
 from expdesign.runfolder import JsonFile, described
@@ -327,8 +327,8 @@ class ControlModelFile(JsonFile):
     ]
     untested: Annotated[str, described("", "why none was run; empty when one was")]
     uncertainty: Annotated[
-        tuple[ActuatorUncertainty, ...],
-        described("", "of the forces along the motion, by actuator; empty: not known"),
+        tuple[ActuatorForce, ...],
+        described("", "forces along the motion, by actuator; empty: not known"),
     ]
     motion: Annotated[str, described("", "that the uncertainty is stated on; empty: none")]
 

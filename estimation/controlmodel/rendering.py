@@ -19,7 +19,8 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 from constraints.arrays import Array
-from estimation.controlmodel.model import DOUBLE, SINGLE, ControlModel, by_actuator
+from estimation.controlmodel.model import DOUBLE, SINGLE, ControlModel
+from estimation.uncertainty.forces import by_actuator
 from expdesign.evaluation.vector_code import LIBRARY, UnknownInstructionError
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import parameters_of
@@ -123,7 +124,7 @@ def uncertainty_lines(model: ControlModel) -> tuple[str, ...]:
     return tuple(
         f"actuator {one.actuator}: rms {one.rms:.3g} N, largest {one.largest:.3g} N, of forces up "
         f"to {one.largest_force:.3g} N"
-        for one in by_actuator(model.uncertainty)
+        for one in by_actuator(model.uncertainty, model.robot)
     )
 
 

@@ -1,12 +1,12 @@
 """From recordings to identified parameters with their uncertainty and a diagnosis.
 
-`identified_robot` writes the file `identified-robot.yaml`; `identified_model` takes parameters and
-covariance from a stored result, for predictions of other motions.
+`identified_robot` describes the robot of `identified-robot.yaml`; `identified_model` takes
+parameters and covariance from a stored result, for predictions of other motions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -46,10 +46,17 @@ from estimation.identification.result import (
 )
 from estimation.measurement_model import HarmonicMotion, SplineMotion
 from estimation.uncertainty.consistency import ConsistentEstimate
+from estimation.uncertainty.forces import (
+    ActuatorForce,
+    by_actuator,
+    force_warning,
+    forces_along,
+)
 from estimation.uncertainty.intervals import ParameterRow
 from expdesign.configuration import ConfigurationLike, InputError
+from expdesign.configuration.document import Located, document_from_mapping
 from expdesign.configuration.estimate import EstimateSection
-from expdesign.configuration.robot import RobotDescription
+from expdesign.configuration.robot import RobotDescription, resolve_robot
 from expdesign.configuration.run import robot_yaml
 from expdesign.configuration.tolerances import (
     Identification,
@@ -128,6 +135,13 @@ def estimation_result(
 ) -> EstimationResult:
     """Return the result of an estimation with the diagnosis of its best estimate."""
     priors = estimation.priors
+    identified = identified_robot(estimation, diagnosis)
+    motions = {
+        number: _motion(estimation, number)
+        for number, recording in enumerate(estimation.recordings, start=1)
+        if recording.experiment.fit is not None
+    }
+    forces = _forces(identified, motions.values())
     return EstimationResult(
         name=estimation.configuration.run.name,
         robot=estimation.robot.name,
@@ -146,16 +160,25 @@ def estimation_result(
         diagnostics=diagnosis,
         selection=estimation.selection,
         seconds=estimation.seconds,
-        warnings=estimation.warnings,
+        warnings=(*estimation.warnings, *filter(None, [force_warning(forces)])),
         rows=_rows(estimation, diagnosis),
-        motions={
-            number: _motion(estimation, number)
-            for number, recording in enumerate(estimation.recordings, start=1)
-            if recording.experiment.fit is not None
-        },
+        motions=motions,
         tables=() if diagnosis is None else diagnosis.recordings,
-        identified=identified_robot(estimation, diagnosis),
+        identified=robot_yaml(identified),
+        forces=forces,
     )
+
+
+def _forces(
+    identified: RobotDescription, motions: Iterable[EstimatedMotion]
+) -> tuple[ActuatorForce, ...]:
+    """Return the forces of the identified machine on the motions of all recordings."""
+    known, states = identified.identification, [one.state for one in motions]
+    if known is None or not states:
+        return ()
+    machine = Robot(resolve_robot(Located(identified, document_from_mapping({}))))
+    times = np.concatenate([one.time for one in motions])
+    return by_actuator(forces_along(machine, known, times, np.concatenate(states)), machine)
 
 
 def _rows(estimation: Estimation, diagnosis: ResidualDiagnosis | None) -> tuple[ParameterRow, ...]:
@@ -300,8 +323,8 @@ _NO_TOLERANCES = {
 }
 
 
-def identified_robot(estimation: Estimation, diagnosis: Diagnosis | None) -> str:
-    """Return the robot file with the parameters of the best estimate.
+def identified_robot(estimation: Estimation, diagnosis: Diagnosis | None) -> RobotDescription:
+    """Return the robot with the parameters of the best estimate.
 
     With `estimate.consistent` these are the nearest physically consistent parameters.
 
@@ -323,7 +346,7 @@ def identified_robot(estimation: Estimation, diagnosis: Diagnosis | None) -> str
         parameters = near.values
     damping = {one.name for one in BACK_EMF.parameters}
     parameters = {name: value for name, value in parameters.items() if name not in damping}
-    description = description.model_copy(
+    return description.model_copy(
         update={
             "name": identified_name(description.name),
             "parameters": parameters,
@@ -332,7 +355,6 @@ def identified_robot(estimation: Estimation, diagnosis: Diagnosis | None) -> str
             "identification": _identification(estimation, diagnosis).for_parameters(parameters),
         }
     )
-    return robot_yaml(description)
 
 
 def _replacement(estimation: Estimation) -> ConsistentEstimate | None:

@@ -29,6 +29,7 @@ from estimation.identification.estimator_result import (
 )
 from estimation.identification.term_selection import Selection
 from estimation.selection import SelectionRow
+from estimation.uncertainty.forces import ActuatorForce
 from estimation.uncertainty.intervals import ParameterRow, correlation
 from expdesign.configuration import Problem
 from expdesign.configuration.tolerances import IDENTIFIED_ROBOT
@@ -174,6 +175,14 @@ class EstimateFile(RunFile):
     ]
     seconds: Annotated[float, described("s", "how long it took")]
     warnings: Annotated[tuple[str, ...], described("", "in words")]
+    forces: Annotated[
+        tuple[ActuatorForce, ...],
+        described(
+            "",
+            "of the identified machine on the motions of all recordings, by actuator; empty after "
+            "pointwise differentiation",
+        ),
+    ] = ()
 
     @property
     def best_estimator(self) -> EstimatorResult:

@@ -8,10 +8,23 @@ from typing import Any
 
 import numpy as np
 
+from estimation.uncertainty.forces import (
+    by_actuator,
+    force_limit_in_words,
+    force_uncertainty,
+    worst_force,
+)
 from expdesign.cli.output import results, say, write_json
 from expdesign.cli.runs import run_configuration, warn_of_changes
 from expdesign.cli.terminal import working
-from expdesign.configuration import InputError, quantity_text
+from expdesign.configuration import (
+    InputError,
+    ResolvedRobot,
+    RunConfiguration,
+    load_run,
+    quantity_text,
+)
+from expdesign.configuration.robot import load_robot_description
 from expdesign.export.certification import BROKEN, IN_PART, PROVED, PathCertificate
 from expdesign.export.result import FOLDER, RECORD, ExportResult
 from expdesign.export.table_file import certify_file, find_table_file, unlisted_files
@@ -19,7 +32,7 @@ from expdesign.motion.executable import ExecutableMotion
 from expdesign.motion.planning import check_motion
 from expdesign.progress import progress_prefix
 from expdesign.recheck.certificate import recheck
-from expdesign.recheck.limit_check import LimitCheck
+from expdesign.recheck.limit_check import LimitCheck, range_share_in_words
 from expdesign.robot import ForwardKinematicsError, LimitModel, Robot, robot_from
 from expdesign.runfolder.files import RUN_FILE
 from expdesign.runfolder.lock import consistent_reading
@@ -30,8 +43,13 @@ from results.render.terminal import print_table
 from results.views.view import ReportTable, TableColumn
 
 
-def certify_motions(place: Path, design: Path | None, *, piece: bool, as_json: bool) -> None:
-    """Certify the motions of a run folder, or one controller table or a piece of one."""
+def certify_motions(
+    place: Path, design: Path | None, robot: str | None, *, piece: bool, as_json: bool
+) -> None:
+    """Certify the motions of a run folder, or one controller table or a piece of one.
+
+    `robot` is the name or file of another robot that executes them.
+    """
     path = place.absolute()
     refuse_part_of_folder(path)
     if not path.exists():
@@ -45,10 +63,12 @@ def certify_motions(place: Path, design: Path | None, *, piece: bool, as_json: b
     folder = path
     if not path.is_dir():
         folder = folder_of_table(path) if design is None else design.absolute()
-    run_configuration(folder)
+    configuration = run_configuration(folder)
+    if robot is not None:
+        configuration = _executed_by(configuration, load_robot_description(robot))
     with working("certify") as terminal, consistent_reading(folder):
         warn_of_changes(folder, "", "design", "export")
-        work = Workspace(run_configuration(folder), folder, terminal)
+        work = Workspace(configuration, folder, terminal)
         if path.is_dir():
             parts = certified_motions(work)
         else:
@@ -73,7 +93,21 @@ def certify_motions(place: Path, design: Path | None, *, piece: bool, as_json: b
             if part.proof.sampled
         ]
         but = f"; {'; '.join(rows)} at the rows, all others" if rows else ""
-        say(f"proved: every limit is kept{but} at every instant{' of the piece' if piece else ''}")
+        by = "" if robot is None else f" by {configuration.robot.name}"
+        span = " of the piece" if piece else ""
+        say(f"proved: every limit is kept{by}{but} at every instant{span}")
+
+
+def _executed_by(configuration: RunConfiguration, robot: ResolvedRobot) -> RunConfiguration:
+    """Return a run with another robot and its stated limits; the run's where it states none.
+
+    A reserve does not count: it is kept free for differences of the machine.
+    """
+    own = {key: one for key, one in robot.limits.items() if not one.is_default}
+    limits = {
+        key: one.with_reserve(0.0) for key, one in {**configuration.robot.limits, **own}.items()
+    }
+    return replace(configuration, robot=replace(robot, limits=limits))
 
 
 def _print_certificates(parts: list[CertifiedPart]) -> None:
@@ -109,8 +143,8 @@ def _certificate_table(part: CertifiedPart) -> ReportTable:
         if check.key not in part.proof.sampled:
             return "" if np.isfinite(check.proved) else "nothing is proved"
         if check in part.proof.broken:
-            return f"{100 * (check.used - 1):.3g} % beyond at a row"
-        return "at the rows only: straight lines have none"
+            return f"at a row by {range_share_in_words(check.violation)}"
+        return "judged at the rows only: undefined on straight lines"
 
     remarks = any(map(remark, part.proof.limits))
     columns = (
@@ -189,7 +223,17 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
         with progress_prefix("lead-in and lead-out"):
             limits = check_motion(work.configuration, motion).limits
         found.append(CertifiedPart("motion", title, PathCertificate(limits)))
-    for name, table in result.files.items():
+    planned = load_run(work.folder / RUN_FILE).robot
+    moved = any(
+        not np.array_equal(getattr(planned, name), getattr(robot.description, name))
+        for name in ("base_joints", "platform_joints")
+    )
+    if moved and result.files:
+        work.progress.note(
+            f"not examined: {', '.join(result.files)}; {robot.name} has other joints than the "
+            "robot that the tables were made for, and follows their lengths on another path"
+        )
+    for name, table in {} if moved else result.files.items():
         try:
             found.append(certified_table(work, place / name))
         except InputError as error:
@@ -262,7 +306,14 @@ def refuse_part_of_folder(path: Path) -> None:
 
 def _design(robot: Robot, trajectory: FourierTrajectory) -> CertifiedPart:
     limits = recheck(LimitModel.of(robot), trajectory).limits
-    return CertifiedPart("design", "one period of the design", PathCertificate(limits))
+    known = robot.description.description.identification
+    remarks: tuple[str, ...] = ()
+    if known is not None:
+        rows = by_actuator(force_uncertainty(robot, known, trajectory), robot)
+        if (row := worst_force(rows)) is not None:
+            remarks = (f"force by the identified parameters, {force_limit_in_words(row)}",)
+    proof = PathCertificate(limits, remarks=remarks)
+    return CertifiedPart("design", "one period of the design", proof)
 
 
 def _executable(

@@ -185,6 +185,16 @@ def certify(
             "exports/ contains it. A copy without exports.json is identified by its SHA-256.",
         ),
     ] = None,
+    robot: Annotated[
+        str | None,
+        option(
+            "--robot",
+            "ROBOT",
+            "Another robot that executes the motion: its file or name, such as an estimate's "
+            "identified-robot.yaml. Its stated limits hold, without a reserve; of the run those "
+            "that it does not state.",
+        ),
+    ] = None,
     piece: Annotated[
         bool,
         flag_option("--part", "The table is a piece of a motion: it may begin and end anywhere."),
@@ -200,7 +210,7 @@ def certify(
     """
     from expdesign.cli.certify import certify_motions
 
-    certify_motions(place, design, piece=piece, as_json=as_json)
+    certify_motions(place, design, robot, piece=piece, as_json=as_json)
 
 
 def model(

@@ -14,12 +14,14 @@ from estimation.controlmodel.model import (
     UNCERTAINTY,
     VECTORS,
     ControlModel,
-    ForceUncertainty,
     Origin,
-    by_actuator,
-    force_uncertainty,
 )
 from estimation.identification.result import EstimateFile
+from estimation.uncertainty.forces import (
+    by_actuator,
+    force_uncertainty,
+    force_warning,
+)
 from expdesign.cli.output import note, results, write_json
 from expdesign.cli.runs import warn_of_changes
 from expdesign.cli.terminal import working
@@ -31,7 +33,7 @@ from expdesign.library import robot_files
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
 from expdesign.progress import report_progress
 from expdesign.robot import Robot, load_robot
-from expdesign.robot.deviation import FORCE_CONSTANT, deviations, estimated_constants
+from expdesign.robot.deviation import FORCE_CONSTANT, estimated_constants
 from expdesign.runfolder.files import atomic_write
 from expdesign.runfolder.lock import one_writer_to
 from expdesign.runfolder.manifest import Manifest, file_hash, package_versions
@@ -127,7 +129,9 @@ def _control_model(
         raise InputError("a robot without a file has no control model", key="DIR")
     report_progress("uncertainty of the forces")
     motion, trajectory = ("", None) if folder is None else _motion(folder)
-    uncertainty = _uncertainty(robot, known, trajectory, path)
+    uncertainty = None
+    if known is not None and trajectory is not None:
+        uncertainty = force_uncertainty(robot, known, trajectory)
     model = ControlModel(robot, _origin(path, known, folder), width, uncertainty)
     if known is None:
         progress.note(
@@ -137,6 +141,8 @@ def _control_model(
         for warning in _doubts(model, known, short(path)):
             progress.warn(warning)
         _report_force_unit(known, progress)
+    if uncertainty is not None and (warning := force_warning(by_actuator(uncertainty, robot))):
+        progress.warn(warning)
     return model, "" if uncertainty is None else motion
 
 
@@ -170,7 +176,7 @@ def _written_model(
         files={each.name: file_hash(each) for each in dict.fromkeys(files)},
         tests=made.tests,
         untested=made.untested,
-        uncertainty=() if uncertainty is None else by_actuator(uncertainty),
+        uncertainty=() if uncertainty is None else by_actuator(uncertainty, model.robot),
         motion=motion,
     )
     result.write(target)  # last: it says that all else is there
@@ -200,29 +206,6 @@ def _motion(folder: Path) -> tuple[str, FourierTrajectory | None]:
         if motions:
             return "the motion of the recording, as it was estimated", motions[0].trajectory
     return "", None
-
-
-def _uncertainty(
-    robot: Robot, known: Identification | None, trajectory: FourierTrajectory | None, path: Path
-) -> ForceUncertainty | None:
-    if known is None or trajectory is None:
-        return None
-    if known.parameters != robot.parameter_names:
-        raise InputError(
-            "the identification is that of other parameters",
-            path,
-            key="identification.parameters",
-            allowed=", ".join(robot.parameter_names),
-        )
-    entries = [one.name for one in deviations(robot)]
-    if unknown := [name for name in known.constants if name not in entries]:
-        raise InputError(
-            f"the robot has no constant {', '.join(unknown)}, which the identification names",
-            path,
-            key="identification.constants",
-            allowed="constants of its terms, as the estimate has written them",
-        )
-    return force_uncertainty(robot, known, trajectory)
 
 
 def _report_force_unit(known: Identification, progress: Progress) -> None:

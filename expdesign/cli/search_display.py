@@ -18,7 +18,7 @@ from expdesign.configuration import RunConfiguration
 from expdesign.experiment.judging import criterion_symbol
 from expdesign.experiment.precision import precision_in_words
 from expdesign.information.criteria import Criterion, criteria
-from expdesign.recheck.limit_check import TOLERANCE
+from expdesign.recheck.limit_check import TOLERANCE, range_share_in_words
 from expdesign.solver.phases import PHASE_TITLES, SearchEvent
 from expdesign.solver.search import FINISHED, REFINED, groups
 from expdesign.solver.starts import GIVEN_UP
@@ -189,7 +189,9 @@ class SearchDisplay:
         """Return the state of a start in words."""
         if event.status:
             return f"{self._name(event)}: {event.status}"
-        beyond = f"{_percent(event)} beyond a limit" if event.violation > 0 else "within the limits"
+        beyond = "within the limits"
+        if event.violation > 0:
+            beyond = f"a limit exceeded by {range_share_in_words(event.violation)}"
         return (
             f"{self._name(event)}: {_phase(event)}, iteration {_iteration(event)}; "
             f"{self._objective(event)}, {beyond}"
@@ -237,7 +239,7 @@ class SearchDisplay:
         if not self._running:
             return Group(*lines, Text(self._before.line))
         table = Table(box=None, pad_edge=False, header_style="dim")
-        for title in ("start", "stage", "iteration", "objective", "excess", "time"):
+        for title in ("start", "stage", "iteration", "objective", "excess, of its range", "time"):
             table.add_column(title, justify="left" if title == "stage" else "right", no_wrap=True)
         for start, event in sorted(self._running.copy().items()):
             table.add_row(
@@ -245,7 +247,7 @@ class SearchDisplay:
                 _phase(event),
                 _iteration(event),
                 f"{event.objective:.6g}",
-                _percent(event),
+                f"{100 * max(event.violation, 0.0):.2g} %",
                 time_text(event.seconds),
             )
         return Group(*lines, table)
@@ -261,7 +263,3 @@ def _phase(event: SearchEvent) -> str:
 def _iteration(event: SearchEvent) -> str:
     number, most = event.of_round
     return f"{number} of {most}" if most else f"{event.iteration}"
-
-
-def _percent(event: SearchEvent) -> str:
-    return f"{100 * max(event.violation, 0.0):.2g} %"

@@ -21,7 +21,12 @@ from expdesign.export.rotation import moving_angles
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.progress import track
 from expdesign.recheck.certificate import MOST_CELLS, EnclosedMotion, certify
-from expdesign.recheck.limit_check import LimitCheck, worst_of_each, worst_sampled
+from expdesign.recheck.limit_check import (
+    LimitCheck,
+    range_share_in_words,
+    worst_of_each,
+    worst_sampled,
+)
 from expdesign.robot import LimitModel, Robot
 
 _DYNAMIC = frozenset({"strut_acceleration", "actuator_force", "strut_jerk"})
@@ -160,7 +165,7 @@ def single_cycle_faults(table: ExecutedTable, *, piece: bool = False) -> list[st
 
 def excess_in_words(check: LimitCheck) -> str:
     """Describe an exceeded limit and its excess."""
-    return f"{check}, exceeded by {check.violation:.2g} of its range"
+    return f"{check}, exceeded by {range_share_in_words(check.violation)}"
 
 
 def _at_rows(table: ExecutedTable, model: LimitModel, *, piece: bool) -> tuple[LimitCheck, ...]:

@@ -29,7 +29,7 @@ from expdesign.export.repetition import shorten
 from expdesign.export.row_times import SHARE, ideal_rows, whole_motion
 from expdesign.export.whole_table import controller_faults, find_faults
 from expdesign.progress import track
-from expdesign.recheck.limit_check import LimitCheck
+from expdesign.recheck.limit_check import LimitCheck, range_share_in_words
 from expdesign.robot import ForwardKinematicsError
 from expdesign.runfolder.fields import described
 
@@ -235,7 +235,7 @@ def limits_in_words(certificate: PathCertificate) -> str:
     checks = certificate.limits
     exceeded = [excess_in_words(check) for check in checks if not check.kept]
     if exceeded:
-        return f"{'; '.join(exceeded)} (tolerance of a table: {LIMIT_SHARE:g} of the range)"
+        return f"{'; '.join(exceeded)} (tolerance of a table: {range_share_in_words(LIMIT_SHARE)})"
     reserves = sorted({check.reserve for check in checks if check.reserve})
     span = " to ".join(f"{100 * r:.4g} %" for r in dict.fromkeys(reserves[:1] + reserves[-1:]))
     kept = f"every limit kept, with a reserve of {span}" if span else "every limit kept"
@@ -249,14 +249,16 @@ def _proof_in_words(certificate: PathCertificate) -> str:
             f"{certificate.unproved_from:.4f} s only"
         )
     if left := certificate.open:
-        named = ", ".join(f"{check.title} (by {check.proved:.2g} of its range)" for check in left)
+        named = ", ".join(
+            f"{check.title} (by {range_share_in_words(check.proved)})" for check in left
+        )
         return f"but not proved that nothing exceeds: {named}"
     if not certificate.sampled:
         return "proved at every instant"
     titles = [check.title for check in certificate.limits if check.key in certificate.sampled]
     return (
-        f"proved at every instant; {' and '.join(titles)} at the rows only: straight lines "
-        "have none"
+        f"proved at every instant but for {' and '.join(titles)}, which straight lines leave "
+        "undefined: judged at the rows only"
     )
 
 
@@ -277,7 +279,7 @@ def _beyond(found: ReadBack, table: ExecutedTable, settings: Settings) -> list[s
             if share > SHARE
         ]
     failures += [
-        f"{excess_in_words(check)}, more than the tolerance of {LIMIT_SHARE:g}"
+        f"{excess_in_words(check)}, more than the tolerance of {range_share_in_words(LIMIT_SHARE)}"
         for check in found.limits
         if not check.violation <= LIMIT_SHARE
         and not (found.controller is not None and check.key in _OF_RATES)

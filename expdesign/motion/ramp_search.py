@@ -23,7 +23,14 @@ from expdesign.motion.ramp import (
 from expdesign.problem.program import smoothing_gap
 from expdesign.progress import report_progress
 from expdesign.recheck.certificate import certify
-from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, Motion, local_worst, worst_sampled
+from expdesign.recheck.limit_check import (
+    TOLERANCE,
+    LimitCheck,
+    Motion,
+    local_worst,
+    range_share_in_words,
+    worst_sampled,
+)
 from expdesign.solver.interior_point import Standstill, solve_by_interior_point
 
 RESERVE = 2e-3
@@ -149,7 +156,8 @@ def find_ramp(
         name,
         best.limit,
         f"no {name} was found that keeps every limit: the best attempt, of "
-        f"{best.duration:.3g} s, breaks {best.limit} by {100 * best.violation:.2g} % of its range",
+        f"{best.duration:.3g} s, breaks {best.limit} by "
+        f"{range_share_in_words(best.violation)}",
     )
 
 

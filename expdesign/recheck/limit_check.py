@@ -21,6 +21,17 @@ TOLERANCE = 1e-6
 """Largest excess over a bound, as a share of the limit's range, that counts as kept."""
 
 
+def range_share_in_words(excess: float) -> str:
+    """Return an excess over a bound, a share of the limit's range, in words.
+
+    Examples
+    --------
+    >>> range_share_in_words(0.0166)
+    '1.66 % of its range'
+    """
+    return f"{100 * excess:.3g} % of its range"
+
+
 @dataclass(frozen=True)
 class LimitCheck:
     """The worst moment of one limit: a row of ``tables/limits.csv``.

@@ -37,6 +37,7 @@ from expdesign.export.result import (
 from expdesign.motion.executable import ExecutableMotion, has_enclosure
 from expdesign.motion.planning import check_motion, executable_motion
 from expdesign.progress import forward_progress, progress_prefix, report_progress
+from expdesign.recheck.limit_check import range_share_in_words
 from expdesign.robot import robot_from
 from expdesign.runfolder.files import RUN_FILE, remove_leftovers, write_text
 from expdesign.runfolder.manifest import (
@@ -220,7 +221,7 @@ def export_task(work: Workspace) -> Task:
         worst = max(left, key=lambda one: one.possible)
         reason = "nothing is proved"
         if np.isfinite(worst.proved):
-            reason = f"it may be beyond its bound by {100 * worst.proved:.2g} % of its range"
+            reason = f"it may be beyond its bound by {range_share_in_words(worst.proved)}"
         work.progress.warn(
             f"the motion from rest to rest is not proved to keep {worst.title}: {reason}"
         )

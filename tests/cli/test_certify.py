@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run, resolved_yaml
+from expdesign.configuration.run import robot_yaml
+from expdesign.configuration.tolerances import Identification
 from expdesign.recheck.limit_check import LimitCheck
 from expdesign.runfolder.manifest import Manifest, StageEntry, file_hash
 from expdesign.trajectory import FourierTrajectory
@@ -135,6 +137,78 @@ def test_a_table_that_was_copied_alone_is_known_by_its_digest(expdesign, made, t
     status, answer, messages = expdesign("certify", copied, "--design", made)
     assert (status, answer) == (2, "")
     assert "exports.json" in messages
+
+
+def write_robot(path, folder, **changes):
+    """Write the robot of a run folder with changes, and return the path."""
+    description = load_run(folder / "run.yaml").robot.description
+    path.write_text(robot_yaml(description.model_copy(update=changes)), encoding="utf-8")
+    return path
+
+
+def heavier(folder, factor):
+    """Return the keys of a robot whose platform has other parameters, and an identification."""
+    own = load_run(folder / "run.yaml").robot
+    values = {name: factor * value for name, value in own.parameters.items()}
+    spread = np.diag([(0.01 * value) ** 2 for value in values.values()]).tolist()
+    known = Identification(
+        run="r",
+        estimator="ml",
+        verdict="accepted",
+        parameters=tuple(values),
+        covariance_random=spread,
+        covariance_systematic=np.zeros_like(spread).tolist(),
+    )
+    return {"parameters": values, "bodies": None, "identification": known}
+
+
+def test_the_motions_of_a_folder_are_judged_for_the_identified_robot(expdesign, made, tmp_path):
+    robot = write_robot(tmp_path / "heavier.yaml", made, **heavier(made, 1.05))
+    status, answer, messages = expdesign("certify", made, "--robot", robot, "--json")
+    parts = json.loads(answer)["parts"]
+    assert status == 0, messages
+    assert [part["name"] for part in parts][:3] == ["design", "motion", "xps-pvt.trj"]
+    own = json.loads(expdesign("certify", made, "--json")[1])["parts"]
+    for found, before in zip(parts[:3], own[:3], strict=True):
+        force, expected = (
+            next(one for one in part["limits"] if one["key"] == "actuator_force")["value"]
+            for part in (found, before)
+        )
+        assert force == pytest.approx(1.05 * expected, rel=1e-5), "forces are linear in all of them"
+    (remark,) = parts[0]["remarks"]
+    assert "limit -230 N, kept, also with 2 σ" in remark
+
+
+def test_an_identified_robot_that_breaks_a_limit_exits_with_1(expdesign, made, tmp_path):
+    robot = write_robot(tmp_path / "heavier.yaml", made, **heavier(made, 5.0))
+    status, answer, _ = expdesign("certify", made, "--robot", robot, "--json")
+    found = json.loads(answer)
+    assert (status, found["verdict"]) == (1, "broken")
+    assert "design: breaks actuator_force" in found["message"]
+    assert "exceeded by" in found["parts"][0]["remarks"][0]
+
+
+def test_a_reserve_is_kept_free_for_other_machines(expdesign, made, tmp_path):
+    own = load_run(made / "run.yaml").robot.description
+    limits = {**own.limits, "reserve": 0.2}
+    robot = write_robot(tmp_path / "reserved.yaml", made, limits=limits)
+    answers = [
+        json.loads(expdesign("certify", made, *options, "--json")[1])
+        for options in ((), ("--robot", robot))
+    ]
+    first, second = (one["parts"][0]["limits"] for one in answers)
+    assert [one["bound"] for one in first] == [one["bound"] for one in second]
+
+
+def test_tables_are_not_examined_for_other_joints(expdesign, made, tmp_path):
+    own = load_run(made / "run.yaml").robot
+    joints = tuple(map(tuple, np.add(own.base_joints, [0, 0, 1e-4]).tolist()))
+    robot = write_robot(tmp_path / "moved.yaml", made, base_joints=joints)
+    status, answer, messages = expdesign("certify", made, "--robot", robot, "--json")
+    assert status == 0, messages
+    assert [part["name"] for part in json.loads(answer)["parts"]] == ["design", "motion"]
+    status, _, messages = expdesign("certify", made, "--robot", robot)
+    assert "not examined: xps-pvt.trj, linuxcnc-gcode.ngc" in messages
 
 
 @pytest.mark.parametrize("part", ["exports", "design.json", "run.yaml"])

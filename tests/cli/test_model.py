@@ -12,6 +12,8 @@ from ruamel.yaml import YAML
 
 from estimation.controlmodel.formats import ControlModelFile
 from estimation.identification import estimate_parameters, estimation_result
+from estimation.identification.result import EstimateFile
+from estimation.uncertainty.forces import force_limit_in_words, worst_force
 from expdesign.cli.app import app
 from expdesign.cli.app import run as command_line
 from expdesign.configuration import resolved_yaml
@@ -99,6 +101,26 @@ def test_the_uncertainty_is_stated_along_the_design_else_along_the_recording(exp
 def _at(motion, times):
     samples = motion.sample(times)
     return samples.pose, samples.rate, samples.acceleration
+
+
+def test_forces_of_the_identified_robot_are_compared_with_its_limit(expdesign, folder):
+    rows = EstimateFile.read(folder).forces
+    assert [row.actuator for row in rows] == list(range(1, 7))
+    for row in rows:
+        assert abs(row.bound) == 230
+        assert row.excess == pytest.approx(abs(row.force) - 230)
+        assert row.excess < row.likely_excess < 0
+    assert "kept, also with 2 σ" in force_limit_in_words(worst_force(rows))
+    robot = YAML().load(folder / "identified-robot.yaml")
+    for share, broken in ((1.01, False), (0.9, True)):
+        robot["limits"]["actuator_force"] = share * max(row.largest_force for row in rows)
+        YAML().dump(robot, folder / "identified-robot.yaml")
+        status, _, err = expdesign("model", folder, "--format", "python")
+        assert status == 0
+        assert ("the identified machine exceeds its force limit" in err) == broken
+        assert ("expdesign certify DIR --robot" in err) == broken
+        found = ControlModelFile.read(folder / "model/python").uncertainty
+        assert (max(row.excess for row in found) > 0) == broken
 
 
 def test_the_module_of_a_folder_tests_itself_and_predicts_as_the_identified_robot(

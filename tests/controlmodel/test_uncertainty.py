@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimation.controlmodel.model import by_actuator, force_uncertainty
+from estimation.uncertainty.forces import by_actuator, force_uncertainty
 from expdesign.configuration.tolerances import Identification
 from expdesign.robot import load_robot
 from tests.estimation.cases import trajectory
@@ -46,7 +46,7 @@ def test_the_standard_deviation_is_that_of_forces_with_drawn_parameters(known):
 def test_the_numbers_of_an_actuator_are_those_of_its_column(known):
     robot, identification, *_ = known
     found = force_uncertainty(robot, identification, trajectory())
-    rows = by_actuator(found)
+    rows = by_actuator(found, robot)
     assert [row.actuator for row in rows] == list(range(1, 7))
     for row, std, random, forces in zip(
         rows, found.std.T, found.std_random.T, found.forces.T, strict=True

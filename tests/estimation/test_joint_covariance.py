@@ -9,12 +9,12 @@ import pytest
 import scipy
 from ruamel.yaml import YAML
 
-from estimation.controlmodel.model import force_uncertainty
 from estimation.estimators import PerturbedMachine
 from estimation.estimators.prior_estimate import PriorEstimate
 from estimation.feedforward.comparison import true_machine
 from estimation.identification import estimate_parameters, estimation_result
 from estimation.identification.result import EstimationResult
+from estimation.uncertainty.forces import force_uncertainty
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.tolerances import IDENTIFIED_ROBOT as FILE
 from expdesign.information.identifiable import BaseParameters

@@ -249,7 +249,7 @@ def test_a_table_that_was_changed_is_named(with_tables):
 
 
 def test_a_limit_that_a_table_exceeds_within_its_tolerance_is_told(with_tables):
-    words = "strut acceleration of strut 1 is 30.0084 m/s^2, exceeded by 0.00014 of its range"
+    words = "strut acceleration of strut 1 is 30.0084 m/s^2, exceeded by 0.014 % of its range"
 
     def edit(document):
         check = document["files"]["xps-pvt.trj"]["read_back"]
