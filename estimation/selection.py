@@ -30,7 +30,7 @@ from estimation.diagnostics.joint_system import (
     JointSystem,
     Places,
     RowWhitening,
-    joint_systems,
+    motion_last,
 )
 from estimation.diagnostics.linearisation import (
     CandidateEffects,
@@ -327,28 +327,16 @@ class RecordingInformation:
     ) -> Self:
         """Linearise one recording and eliminate its motion."""
         count = int(np.count_nonzero(part.free))
-        nothing = NormalEquations(0.0, np.zeros((count, count)), np.zeros(count))
-        none = Signature.none(part)
-        (system,) = joint_systems([part], [experiment.noise], nothing, [none], held_out=False)
-        motion = system.columns.shape[2] - count
-        system = system.with_effects(candidate_effects.tolerance_columns()[0])
-        unknowns = system.columns.shape[2]
-        # (p, θ) first: the motion, which lies between them, is eliminated.
-        kept = np.r_[0:count, count + motion : unknowns]
-        order = np.r_[kept, count : count + motion]
-        flat = system.columns.reshape(-1, unknowns)
-        gradient = flat.T @ system.forces.ravel() + system.gradient
-        matrix = flat.T @ flat
-        columns = np.diag(matrix)[kept]
-        matrix = (matrix + system.information)[np.ix_(order, order)]
-        reduced = NormalEquations(0.0, matrix, gradient[order]).eliminate(len(kept))
+        system = JointSystem.of(part, experiment.noise)
+        deviations = candidate_effects.tolerance_columns()[0]
+        system = system.with_effects(deviations)
+        order, kept = motion_last(system, count, deviations.count), count + deviations.count
         white = RowWhitening.of(experiment.noise.forces.as_white(), part.counts)
-        tolerated = np.zeros(len(kept) - count)
-        flat_white = white(part.regressors[:, :, part.free]).reshape(-1, count)
+        columns_white = np.sum(white(part.regressors[:, :, part.free]) ** 2, axis=(0, 1))
         return cls(
-            total=reduced,
-            columns=columns,
-            columns_white=np.concatenate([np.sum(flat_white**2, axis=0), tolerated]),
+            total=system.equations.select(order).eliminate(kept),
+            columns=np.sum(system.force_columns[:, :, order[:kept]] ** 2, axis=(0, 1)),
+            columns_white=np.pad(columns_white, (0, deviations.count)),
             samples=float(np.sum(part.counts)),
             _system=system,
             _order=order,
@@ -365,8 +353,7 @@ class RecordingInformation:
             return None
         first = len(self.total.gradient)
         system = self._system.select(np.concatenate([self._order[places], self._order[first:]]))
-        known = NormalEquations(0.0, system.information, system.gradient) + prior.select(places)
-        solved = replace(system, information=known.matrix, gradient=known.gradient).solution
+        solved = replace(system, equations=system.equations + prior.select(places)).solution
         harmonics = experiment.harmonics or 0
         return harmonic_lack_of_fit(experiment, self._part, solved, harmonics, level=level)
 
@@ -375,7 +362,7 @@ class RecordingInformation:
         motion = self.total.offset - self.total.slope @ step
         whole = np.zeros(len(self._order))
         whole[self._order] = np.concatenate([step, motion])
-        rest = self._system.forces - self._system.columns @ whole
+        rest, _ = self._system.split(self._system.residuals - self._system.columns @ whole)
         return float(np.sum(rest**2)), rest.size
 
     @cached_property
@@ -384,20 +371,17 @@ class RecordingInformation:
 
         One column for all data if there are no separate periods.
         """
-        experiment, system, size = self._experiment, self._system, len(self._order)
+        experiment, system = self._experiment, self._system
         forces, lengths = experiment.recording.forces, experiment.recording.lengths
         total = self.total.gradient[:, None]
         if forces.repeats is None or lengths.repeats is None:
             return total
         # All periods have the same columns and independent noise.
         count, first = len(forces.repeats), len(total)
-        own = experiment.select_rows(np.moveaxis(forces.repeats - forces.values, 0, 2))
-        gradients = system.columns.reshape(-1, size).T @ system.force_rows(own).reshape(-1, count)
-        if len(system.lengths):
-            own = np.moveaxis(lengths.repeats - lengths.values, 0, 2)
-            rows = system.length_rows(own).reshape(-1, count)
-            gradients += system.length_columns.reshape(-1, size).T @ rows
-        gradients = gradients[self._order]
+        own = np.moveaxis(forces.repeats - forces.values, 0, 2)
+        of_lengths = np.moveaxis(lengths.repeats - lengths.values, 0, 2)
+        single = Signature(experiment.select_rows(own), of_lengths[: len(self._part.length_counts)])
+        gradients = (system.columns.T @ system.whiten(single))[self._order]
         explained = self.total.slope.T @ gradients[first:]
         return np.asarray(total + gradients[:first] - explained) / count
 

@@ -431,8 +431,8 @@ def _pair_statistic(
     """Return a function for χ² of sine and cosine of a strut's length, by their frequencies."""
     system = solved.system
     # zᵀ W e* and zᵀ W U of a column z in this actuator alone.
-    residual = system.force_rows.apply_weights(solved.rest[:, :, None])[:, strut, 0]
-    mixed = system.force_rows.apply_weights(system.columns)[:, strut] @ solved.root
+    residual = system.force_rows.apply_weights(solved.force_rest[:, :, None])[:, strut, 0]
+    mixed = system.force_rows.apply_weights(system.force_columns)[:, strut] @ solved.root
     weight = system.force_rows.quadratic(strut)
     one = np.ones((1, len(length)))
     whole = float(weight(one, one)[0])

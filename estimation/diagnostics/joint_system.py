@@ -23,7 +23,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
 import numpy as np
-import scipy.linalg as sla
 from numpy.typing import NDArray
 
 from constraints.arrays import Array
@@ -49,43 +48,71 @@ Places = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class JointSystem:
-    """Whitened rows of one experiment, with the other information on its unknowns."""
+    """Whitened rows of one experiment, first the forces', with their normal equations.
+
+    The unknowns are free parameters, motion, signs of friction, and included effects.
+    """
 
     force_rows: RowWhitening
     length_rows: RowWhitening
-    forces: Array
+    residuals: Array
     columns: Array
-    """(R, 6) and (R, 6, u), whitened: residuals before the step; columns of the unknowns (free
-    parameters, motion, signs of friction, included effects)."""
-    information: Array
-    gradient: Array
-    """(u, u) and (u,), information on the unknowns from lengths, other experiments and priors."""
+    """(n,) and (n, u), whitened: residuals before the step; columns of the unknowns."""
+    equations: NormalEquations
+    """Of these rows, the other experiments and the priors."""
     freedom: float
     """Degrees of freedom of Σ; inf if it was given."""
-    lengths: Array
-    length_columns: Array
-    """(R', 6) and (R', 6, u), whitened residuals and columns of the lengths; `information` and
-    `gradient` already include them."""
     others: NormalEquations | None = None
     """Information of the other experiments on the free parameters and the deviations with
-    tolerances, of which `information` and `gradient` include the part on the parameters; None:
-    there is no other experiment."""
+    tolerances, of which `equations` include the part on the parameters; None: there is no other
+    experiment."""
+
+    @classmethod
+    def of(cls, part: Linearisation, noise: NoiseModel) -> JointSystem:
+        """Build the system of one experiment, without information on the parameters."""
+        known, columns = int(np.count_nonzero(part.free)), part.columns
+        length_columns = np.zeros((*part.length_columns.shape[:2], columns.shape[2]))
+        length_columns[:, :, known : known + part.length_columns.shape[2]] = part.length_columns
+        lengths = np.zeros((0, ACTUATORS)) if part.lengths is None else part.lengths
+        rows = (
+            RowWhitening.of(noise.forces, part.counts),
+            RowWhitening.of(noise.lengths, part.length_counts),
+        )
+        precision = np.pad(part.sign_precision, (columns.shape[2] - len(part.sign_precision), 0))
+        return cls.of_rows(
+            rows,
+            _stack(rows, (part.forces, lengths)),
+            _stack(rows, (columns, length_columns)),
+            precision,
+            noise.forces.weights_freedom,
+        )
+
+    @classmethod
+    def of_rows(
+        cls,
+        rows: tuple[RowWhitening, RowWhitening],
+        residuals: Array,
+        columns: Array,
+        precision: Array,
+        freedom: float,
+    ) -> JointSystem:
+        """Build a system with prior precisions of the unknowns, (u,), 1/std²."""
+        matrix = columns.T @ columns + np.diag(precision)
+        equations = NormalEquations(0.0, matrix, columns.T @ residuals)
+        return cls(*rows, residuals, columns, equations, freedom)
+
+    @property
+    def force_columns(self) -> Array:
+        """(R, 6, u), columns of the forces."""
+        return self.split(self.columns)[0]
 
     @cached_property
     def solution(self) -> SolvedSystem:
         """System after the Gauss–Newton step."""
-        flat = self.columns.reshape(-1, self.columns.shape[2])
         # Undetermined combinations keep their values: their columns are dependent.
-        root = root_of_pseudo_inverse(flat.T @ flat + self.information, DETERMINED)
-        inverse = root @ root.T
-        step = inverse @ (flat.T @ self.forces.ravel() + self.gradient)
-        return SolvedSystem(
-            self,
-            inverse,
-            root,
-            self.forces - self.columns @ step,
-            self.lengths - self.length_columns @ step,
-        )
+        root = root_of_pseudo_inverse(self.equations.matrix, DETERMINED)
+        step = root @ (root.T @ self.equations.gradient)
+        return SolvedSystem(self, root, self.residuals - self.columns @ step)
 
     def with_effects(
         self, effects: Signature, precision: Array | None = None, off: Array | None = None
@@ -95,20 +122,19 @@ class JointSystem:
         `precision`, (q,), are their prior precisions 1/std²; `off`, (q,), the prior means less the
         values at which the rows were linearised, zero by default.
         """
-        forces, lengths = self.whiten(effects)
-        new = lengths.reshape(self.lengths.size, effects.count)
-        known = self.length_columns.reshape(self.lengths.size, len(self.gradient))
-        cross = known.T @ new
-        own, gradient = new.T @ new, new.T @ self.lengths.ravel()
+        new = self.whiten(effects)
+        cross, own, gradient = self.columns.T @ new, new.T @ new, new.T @ self.residuals
         if precision is not None:
             own += np.diag(precision)
             gradient += 0.0 if off is None else precision * off
         return replace(
             self,
-            columns=np.concatenate([self.columns, forces], axis=2),
-            length_columns=np.concatenate([self.length_columns, lengths], axis=2),
-            information=np.block([[self.information, cross], [cross.T, own]]),
-            gradient=np.concatenate([self.gradient, gradient]),
+            columns=np.concatenate([self.columns, new], axis=1),
+            equations=NormalEquations(
+                0.0,
+                np.block([[self.equations.matrix, cross], [cross.T, own]]),
+                np.concatenate([self.equations.gradient, gradient]),
+            ),
         )
 
     def with_tolerances(self, deviations: Signature, precision: Array, off: Array) -> JointSystem:
@@ -120,43 +146,53 @@ class JointSystem:
         if self.others is None:
             return found
         parameters = len(self.others.gradient) - deviations.count
-        places = np.r_[0:parameters, len(self.gradient) : len(found.gradient)]
+        places = motion_last(found, parameters, deviations.count)[: len(self.others.gradient)]
         matrix, gradient = self.others.matrix.copy(), self.others.gradient.copy()
         matrix[:parameters, :parameters], gradient[:parameters] = 0.0, 0.0
-        found.information[np.ix_(places, places)] += matrix
-        found.gradient[places] += gradient
+        found.equations.matrix[np.ix_(places, places)] += matrix
+        found.equations.gradient[places] += gradient
         return found
 
     def select(self, unknowns: Places) -> JointSystem:
         """Return the system of some unknowns; the others keep their values."""
-        return replace(
-            self,
-            columns=self.columns[:, :, unknowns],
-            length_columns=self.length_columns[:, :, unknowns],
-            information=self.information[np.ix_(unknowns, unknowns)],
-            gradient=self.gradient[unknowns],
-        )
+        equations = self.equations.select(unknowns)
+        return replace(self, columns=self.columns[:, unknowns], equations=equations)
 
     def restrict_to_lengths(self, first: int, precision: Array) -> JointSystem:
-        """Return the system of the lengths alone, for the unknowns from `first` on.
+        """Return the system of the lengths alone, in place of the forces, from an unknown on.
 
-        `precision`, 1/std² of each, is their prior information.
+        `precision`, 1/std² of each unknown, is its prior information.
         """
-        columns = self.length_columns[:, :, first:]
-        return replace(
-            self,
-            force_rows=self.length_rows,
-            forces=self.lengths,
-            columns=columns,
-            information=np.diag(precision),
-            gradient=np.zeros(len(precision)),
-            lengths=self.lengths[:0],
-            length_columns=columns[:0],
-        )
+        rows = self.length_rows, replace(self.length_rows, counts=np.zeros(0))
+        own = slice(ACTUATORS * len(self.force_rows.counts), None)
+        residuals, columns = self.residuals[own], self.columns[own, first:]
+        return JointSystem.of_rows(rows, residuals, columns, precision, self.freedom)
 
-    def whiten(self, effects: Signature) -> tuple[Array, Array]:
-        """Whiten effects: their rows in the forces and in the lengths."""
-        return self.force_rows(effects.forces), self.length_rows(effects.lengths)
+    def whiten(self, effects: Signature) -> Array:
+        """Return the rows of effects, (n, q)."""
+        return _stack((self.force_rows, self.length_rows), (effects.forces, effects.lengths))
+
+    def split(self, rows: Array) -> tuple[Array, Array]:
+        """Split rows, (n, …), into those of the forces, (R, 6, …), and of the lengths."""
+        count = len(self.force_rows.counts)
+        whole = rows.reshape(len(rows) // ACTUATORS, ACTUATORS, *rows.shape[1:])
+        return whole[:count], whole[count:]
+
+
+def _stack(rows: tuple[RowWhitening, RowWhitening], values: tuple[Array, Array]) -> Array:
+    """Whiten values of forces and lengths, (R, 6, …) and (R', 6, …), and stack them, (n, …)."""
+    return np.concatenate(
+        [
+            whiten(own).reshape(len(own) * ACTUATORS, *own.shape[2:])
+            for whiten, own in zip(rows, values, strict=True)
+        ]
+    )
+
+
+def motion_last(system: JointSystem, parameters: int, effects: int) -> Places:
+    """Return the unknowns in the order parameters, effects included last, motion and signs."""
+    size = len(system.equations.gradient)
+    return np.r_[0:parameters, size - effects : size, parameters : size - effects]
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,29 +200,26 @@ class SolvedSystem:
     """System after its Gauss–Newton step."""
 
     system: JointSystem
-    inverse: Array
     root: Array
-    """(u, u) and (u, r), J⁻¹ = root rootᵀ."""
+    """(u, r), J⁻¹ = root rootᵀ."""
     rest: Array
-    length_rest: Array
-    """(R, 6) and (R', 6), whitened e* of forces and lengths."""
+    """(n,), whitened e*."""
+
+    @cached_property
+    def inverse(self) -> Array:
+        """(u, u), J⁻¹."""
+        return self.root @ self.root.T
+
+    @property
+    def force_rest(self) -> Array:
+        """(R, 6), whitened e* of the forces."""
+        return self.system.split(self.rest)[0]
 
     def project(self, effects: Signature) -> EffectProjection:
         """Project effects onto the part that the unknowns do not explain."""
-        system = self.system
-        rows = [
-            part.reshape(rest.size, effects.count)
-            for part, rest in zip(
-                system.whiten(effects), (self.rest, self.length_rest), strict=True
-            )
-        ]
-        columns = (system.columns, system.length_columns)
-        mixed = sum(
-            part.T @ unknown.reshape(len(part), unknown.shape[2])
-            for part, unknown in zip(rows, columns, strict=True)
-        )
-        rest = np.concatenate([self.rest.ravel(), self.length_rest.ravel()])
-        return EffectProjection(np.concatenate(rows), mixed @ self.root, rest, system.freedom)
+        rows = self.system.whiten(effects)
+        mixed = rows.T @ self.system.columns @ self.root
+        return EffectProjection(rows, mixed, self.rest, self.system.freedom)
 
     def fit(self, effects: Signature) -> EffectFit:
         """Fit effects jointly."""
@@ -194,7 +227,7 @@ class SolvedSystem:
 
     def force_residuals(self) -> Array:
         """Return e*, (R, 6), N, after the filter."""
-        return self.system.force_rows.unscale(self.rest)
+        return self.system.force_rows.unscale(self.force_rest)
 
 
 def joint_systems(
@@ -221,66 +254,20 @@ def joint_systems(
         on each other's residuals.
     """
     count = len(known.gradient)
-    force_rows = [
-        RowWhitening.of(noise.forces, part.counts)
-        for part, noise in zip(parts, noises, strict=True)
-    ]
-    length_rows = [
-        RowWhitening.of(noise.lengths, part.length_counts)
-        for part, noise in zip(parts, noises, strict=True)
-    ]
-    tolerated = deviations[0].count
-    measured = [
-        _length_equations(part, rows, own)
-        for part, rows, own in zip(parts, length_rows, deviations, strict=True)
-    ]
-    shares: list[NormalEquations] = [
-        rows.equations(part.forces, np.insert(part.columns, [count], own.forces, axis=2))
-        .with_motion(motion)
-        .eliminate(count + tolerated)
-        for part, rows, own, motion in zip(parts, force_rows, deviations, measured, strict=True)
-        if len(parts) > 1 and not held_out
-    ]
-    systems = []
-    for number, (part, noise, length_share, of_forces, of_lengths) in enumerate(
-        zip(parts, noises, measured, force_rows, length_rows, strict=True)
-    ):
-        motion, own, others = length_share.select(slice(tolerated, None)), known, None
-        if shares:
-            others = reduce(NormalEquations.__add__, shares[:number] + shares[number + 1 :])
-            own = known + others.select(slice(count))
-        unknowns = part.columns.shape[2]
-        lengths = np.zeros((0, ACTUATORS)) if part.lengths is None else part.lengths
-        length_columns = np.zeros((len(lengths), ACTUATORS, unknowns))
-        length_columns[:, :, count : count + part.length_columns.shape[2]] = part.length_columns
-        systems.append(
-            JointSystem(
-                force_rows=of_forces,
-                length_rows=of_lengths,
-                forces=of_forces(part.forces),
-                columns=of_forces(part.columns),
-                information=np.asarray(sla.block_diag(own.matrix, motion.matrix)),
-                gradient=np.concatenate([own.gradient, motion.gradient]),
-                freedom=noise.forces.weights_freedom,
-                lengths=of_lengths(lengths) if len(lengths) else lengths,
-                length_columns=of_lengths(length_columns) if len(lengths) else length_columns,
-                others=others,
-            )
-        )
-    return systems
-
-
-def _length_equations(
-    part: Linearisation, rows: RowWhitening, deviations: Signature
-) -> NormalEquations:
-    """Return the lengths' equations of deviations, motion and signs, with the signs' variance."""
-    signs = part.sign_precision
-    if part.lengths is None:
-        return NormalEquations(0.0, np.diag(signs), np.zeros(len(signs)))
-    columns = np.concatenate([deviations.lengths, part.length_columns], axis=2)
-    found = rows.equations(part.lengths, np.pad(columns, ((0, 0), (0, 0), (0, len(signs)))))
-    prior = np.concatenate([np.zeros(columns.shape[2]), signs])
-    return replace(found, matrix=found.matrix + np.diag(prior))
+    systems = [JointSystem.of(*pair) for pair in zip(parts, noises, strict=True)]
+    if held_out or len(parts) == 1:
+        return [replace(each, equations=each.equations + known) for each in systems]
+    shares: list[NormalEquations] = []
+    for system, own in zip(systems, deviations, strict=True):
+        whole = system.with_effects(own)
+        order = motion_last(whole, count, own.count)
+        shares.append(whole.equations.select(order).eliminate(count + own.count))
+    joint = []
+    for number, system in enumerate(systems):
+        others = reduce(NormalEquations.__add__, shares[:number] + shares[number + 1 :])
+        equations = system.equations + known + others.select(slice(count))
+        joint.append(replace(system, equations=equations, others=others))
+    return joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,11 +291,6 @@ class RowWhitening:
         """Whiten residuals, (R, 6), or columns, (R, 6, q)."""
         rows = values if self.filter is None else self.filter(values)
         return whiten_rows(rows, self.white, self.counts)
-
-    def equations(self, residuals: Array, columns: Array) -> NormalEquations:
-        """Return the normal equations of residuals, (R, 6), and their columns, (R, 6, u)."""
-        rest, rows = self(residuals).ravel(), self(columns).reshape(residuals.size, -1)
-        return NormalEquations(float(rest @ rest), rows.T @ rows, rows.T @ rest)
 
     def unscale(self, rows: Array) -> Array:
         """Return whitened rows, (R, 6) or (R, 6, q), in N or m; they remain filtered."""

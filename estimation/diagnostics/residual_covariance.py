@@ -71,7 +71,7 @@ def joint_residual_covariance(
     `noise` is that of one sample, `counts` the numbers of samples in the rows, (R,).
     """
     system = solved.system
-    columns = system.force_rows.unscale(system.columns) * np.sqrt(counts)[:, None, None]
+    columns = system.force_rows.unscale(system.force_columns) * np.sqrt(counts)[:, None, None]
     return ResidualCovariance(noise, columns, -solved.inverse, fitted=True)
 
 
@@ -109,7 +109,7 @@ def refit_lengths(
     """
     first = int(np.count_nonzero(part.free))
     motion = first + part.length_columns.shape[2]
-    if not force and not np.any(solved.system.length_columns[:, :, motion:]):
+    if not force and not np.any(solved.system.split(solved.system.columns)[1][:, :, motion:]):
         return None
     signs = np.ones(part.sign_errors.shape[2])
     known = np.concatenate([np.zeros(motion - first), signs, tolerated, np.zeros(found.count)])

@@ -140,7 +140,7 @@ def test_deviations_are_the_same_unknowns_in_all_recordings(lab, palida):
     inverses = []
     for system, own in zip(systems, tolerated, strict=True):
         found = system.with_tolerances(*own)
-        common = np.r_[0:count, len(system.gradient) : len(found.gradient)]
+        common = np.r_[0:count, system.columns.shape[1] : found.columns.shape[1]]
         inverses.append(found.solution.inverse[np.ix_(common, common)])
     scale = np.sqrt(np.diag(inverses[0]))
     np.testing.assert_allclose(*(each / np.outer(scale, scale) for each in inverses), atol=1e-6)

@@ -65,17 +65,12 @@ def test_critical_value_is_the_inverse():
 
 def _system(part, forces):
     rows, sigma = len(part.forces), 3.0
-    return JointSystem(
-        force_rows=RowWhitening(np.eye(6) / sigma, np.full(rows, 4.0), None),
-        length_rows=RowWhitening(np.eye(6), np.zeros(0), None),
-        forces=forces / sigma * 2.0,
-        columns=np.ones((rows, 6, 1)),
-        information=np.zeros((1, 1)),
-        gradient=np.zeros(1),
-        freedom=np.inf,
-        lengths=np.zeros((0, 6)),
-        length_columns=np.zeros((0, 6, 1)),
+    whitening = (
+        RowWhitening(np.eye(6) / sigma, np.full(rows, 4.0), None),
+        RowWhitening(np.eye(6), np.zeros(0), None),
     )
+    whitened = (forces / sigma * 2.0).ravel(), np.ones((6 * rows, 1))
+    return JointSystem.of_rows(whitening, *whitened, np.zeros(1), np.inf)
 
 
 def test_scan_is_plain_least_squares_with_the_models_columns_projected_out(twin):
