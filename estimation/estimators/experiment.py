@@ -9,6 +9,7 @@ import numpy as np
 from constraints.arrays import Array, Mask
 from estimation.kinematics import MotionFit, PointwiseMotion, expected_signs, rate_spread
 from estimation.measurement_model import Motion
+from estimation.measurement_model.motion import NormalEquations
 from estimation.measurement_model.prediction import held_regressor_kernel
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodicRecording, PeriodSource
 from expdesign.mechanism.hexapod import COORDINATES
@@ -232,6 +233,15 @@ class Experiment:
         """Return the weights of the rows, (R,), for this noise; its filter may have its own."""
         own = weights.filter is not None and weights.filter.lag is not None
         return self.counts if own else self.effective_counts
+
+    def linear_equations(self, start: Array, free: Mask, weights: NoiseEstimate) -> NormalEquations:
+        """Return the normal equations of the free parameters at start values, (m,).
+
+        The motion, that of LS and GM, is held.
+        """
+        rest = self.forces - self.fitted_regressors @ start
+        rows = rest, self.fitted_regressors[:, :, free], self.row_counts(weights)
+        return NormalEquations.of([rows], weights.covariance, weights.filter)
 
     def with_sign_variance(self, robot: Robot, values: Array) -> Experiment:
         """Return the experiment with less weight where signs of friction are uncertain.

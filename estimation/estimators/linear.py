@@ -114,12 +114,7 @@ class _Problem:
         prior = replace(joint.select(slice(np.count_nonzero(free))), cost=0.0)
         total = prior
         for experiment, weights in zip(present, self.weights, strict=True):
-            rows = (
-                experiment.forces - experiment.fitted_regressors @ start,
-                experiment.fitted_regressors[:, :, free],
-                experiment.row_counts(weights),
-            )
-            total = total + NormalEquations.of([rows], weights.covariance, weights.filter)
+            total = total + experiment.linear_equations(start, free, weights)
         values = start.copy()
         move = self.priors.best_step(total.matrix, total.gradient, start)
         values[free] += move

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from constraints.arrays import Array
+from estimation.measurement_model.motion import NormalEquations
 from expdesign.configuration import InputError
 from expdesign.configuration.consistency import identification_of
 from expdesign.configuration.robot import RobotDescription
@@ -128,13 +129,10 @@ class PriorEstimate:
         """
         constants = len(self.values) - len(held)
         held, values = np.pad(held, (0, constants)), np.pad(values, (0, constants))
-        std = np.sqrt(np.diag(self.precision))
-        others = np.flatnonzero(~held & (std > 0))
-        scale = std[others]
-        own = self.precision[np.ix_(others, others)] / np.multiply.outer(scale, scale)
-        pull = self.precision[np.ix_(others, held)] @ (values - self.values)[held]
+        others = np.flatnonzero(~held & (np.diag(self.precision) > 0))
         mean = np.where(held, values, self.values)
-        mean[others] -= np.linalg.solve(own, pull / scale) / scale
+        prior = NormalEquations(0.0, self.precision, self.precision @ (self.values - mean))
+        mean[others] += prior.select(others).eliminate(0).offset
         return mean
 
 
@@ -181,14 +179,11 @@ class UnloadedMachine(PriorEstimate):
         G = P_ab P_bb⁻¹ is the regression of the platform's parameters on all others (parameters
         and constants); see `payload_estimate`.
         """
-        others = self.is_estimated.copy()
-        others[self.platform] = False
-        std = np.sqrt(np.diag(self.covariance))[others]
-        between = self.covariance[np.ix_(others, others)] / np.multiply.outer(std, std)
-        across = self.covariance[np.ix_(others, self.platform)] / std[:, None]
-        transfer = np.zeros((len(self.platform), len(self.values)))
-        transfer[:, others] = -np.linalg.solve(between, across).T / std
-        transfer[np.arange(len(self.platform)), self.platform] = 1.0
+        own, count = self.platform, len(self.platform)
+        order = [*own, *np.setdiff1d(np.flatnonzero(self.is_estimated), own)]
+        joint = NormalEquations(0.0, self.covariance, np.zeros(len(self.values))).select(order)
+        transfer = np.zeros((count, len(self.values)))
+        transfer[:, order] = np.hstack([np.eye(count), -joint.eliminate(count).slope.T])
         return transfer
 
 

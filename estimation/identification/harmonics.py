@@ -132,10 +132,8 @@ def recorded_noise(recording: PeriodicRecording, noise: NoiseModel) -> RecordedN
 def _first_estimate(experiment: Experiment, priors: ParameterPriors) -> Array:
     """Return Gauss–Markov parameters, (m,), of minimum norm if there are several solutions."""
     free, start = priors.free, priors.start
-    rest = experiment.forces - experiment.fitted_regressors @ start
-    rows = (rest, experiment.fitted_regressors[:, :, free], experiment.effective_counts)
-    noise = experiment.noise.forces
-    fitted = NormalEquations.of([rows], noise.covariance, noise.filter) + priors.equations(start)
+    fitted = experiment.linear_equations(start, free, experiment.noise.forces)
+    fitted = fitted + priors.equations(start)
     values = start.copy()
     values[free] += _solve(fitted.matrix, fitted.gradient)
     return values

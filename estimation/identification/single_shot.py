@@ -189,9 +189,7 @@ def _linear_noise(
     noise = linear = present.noise.forces
     level = np.inf
     for _ in range(_ROUNDS):
-        rows = (rest, columns, present.row_counts(linear))
-        fitted = NormalEquations.of([rows], linear.covariance, linear.filter)
-        fitted = fitted + priors.equations(start)
+        fitted = present.linear_equations(start, free, linear) + priors.equations(start)
         root = root_of_pseudo_inverse(fitted.matrix, _DETERMINED)
         move = root @ (root.T @ fitted.gradient)
         values[free] = start[free] + move
