@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy
@@ -108,11 +109,11 @@ def fit_motion(
     harmonics: int,
     *,
     start: HarmonicMotion | None = None,
-    free_frequency: bool = False,
 ) -> MotionFit:
     """Fit a motion with H harmonics to the measured lengths, weighted by their noise.
 
-    By default the fit starts from the forward kinematics of some samples.
+    By default the fit starts from the forward kinematics of some samples. The frequency is one of
+    the unknowns if it is one of those of the start.
 
     Raises
     ------
@@ -124,7 +125,7 @@ def fit_motion(
             f"{harmonics} harmonics need {2 * harmonics + 1} samples, there are {recording.samples}"
         )
     first = start_motion(robot, recording, min(harmonics, 5)) if start is None else start
-    motion = HarmonicMotion(first.table, recording.omega, free_frequency).with_harmonics(harmonics)
+    motion = replace(first, omega=recording.omega).with_harmonics(harmonics)
     return converge(robot, recording, noise, motion)
 
 
@@ -215,7 +216,6 @@ def choose_harmonics(
     *,
     expected: int | None = None,
     start: HarmonicMotion | None = None,
-    free_frequency: bool = False,
 ) -> MotionFit:
     """Fit the motion with the harmonics that exceed the noise.
 
@@ -232,20 +232,12 @@ def choose_harmonics(
     first = max(least, min(expected or least, most))
     level = HARMONIC_LEVEL / max(most - least, 1)
 
-    def fitted(count: int, begin: HarmonicMotion | None) -> MotionFit:
-        return fit_motion(
-            robot,
-            recording,
-            noise,
-            count,
-            start=begin,
-            free_frequency=free_frequency,
-        )
+    fitted = partial(fit_motion, robot, recording, noise)
 
     def begun(count: int) -> MotionFit:
         """Fit with this number, or with more if the residuals are too large."""
         try:
-            return fitted(count, start)
+            return fitted(count, start=start)
         except NoMotionFoundError as error:
             if count >= most:
                 raise NoMotionFoundError(
@@ -265,11 +257,11 @@ def choose_harmonics(
             break
         wanted = harmonics + int(found[-1]) + 1
         try:
-            fit = fitted(wanted, fit.series)
+            fit = fitted(wanted, start=fit.series)
         except NoMotionFoundError:
             return replace(fit, wanted=wanted)
     needed = _highest_needed(fit, least, level)
-    return fitted(needed, fit.series) if needed < fit.series.harmonics else fit
+    return fitted(needed, start=fit.series) if needed < fit.series.harmonics else fit
 
 
 def _highest_needed(fit: MotionFit, least: int, level: float) -> int:

@@ -31,24 +31,17 @@ class MotionEstimate:
     """(x, x), covariance of its unknowns."""
     spread: Array
     """(S, s), standard deviations of the rates of friction at the force samples."""
-    wanted: int | None = None
-    """Number of harmonics in the lengths, if no motion with as many was found."""
 
     @classmethod
     def of(
-        cls,
-        robot: Robot,
-        recording: PeriodicRecording,
-        motion: Motion,
-        covariance: Array,
-        wanted: int | None = None,
+        cls, robot: Robot, recording: PeriodicRecording, motion: Motion, covariance: Array
     ) -> MotionEstimate:
         """Return a motion with the spread of the rates of a robot's terms."""
-        return cls(motion, covariance, rate_spread(robot, motion, recording, covariance), wanted)
+        return cls(motion, covariance, rate_spread(robot, motion, recording, covariance))
 
     def for_robot(self, robot: Robot, recording: PeriodicRecording) -> MotionEstimate:
         """Return the motion with the spread of the rates of another robot's terms."""
-        return self.of(robot, recording, self.motion, self.covariance, self.wanted)
+        return self.of(robot, recording, self.motion, self.covariance)
 
     def signs(self, robot: Robot, times: Array) -> Array:
         """Return the expected friction signs at the force samples, (S, s)."""
@@ -91,7 +84,7 @@ class Experiment:
         cls, robot: Robot, recording: PeriodicRecording, noise: NoiseModel, fit: MotionFit
     ) -> Experiment:
         """Build an experiment from a fitted motion."""
-        known = MotionEstimate.of(robot, recording, fit.motion, fit.covariance, fit.wanted)
+        known = MotionEstimate.of(robot, recording, fit.motion, fit.covariance)
         return cls.along(robot, recording, noise, known)
 
     @classmethod

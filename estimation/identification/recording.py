@@ -279,10 +279,11 @@ def _fit_motion(
     """
     section = configuration.run.estimate
     expected = configuration.run.trajectory.harmonics if design is None else design.harmonics
+    free = section.frequency == "estimated"
     start = estimated or _start(robot, recording, design, expected)
+    start = replace(start, free_frequency=free)
     least, scarce = 1 if design is None else expected, ""
     given = section.harmonics if estimated is None else estimated.harmonics
-    free = section.frequency == "estimated"
     fitting: Callable[..., MotionFit]
     if estimated is not None:
         fitting = _fit_near
@@ -304,16 +305,15 @@ def _fit_motion(
     # An unknown Δ comes from the fit that it weights: a few iterations settle both.
     rounds = _RESIDUAL_ROUNDS if noise.lengths.includes_model_error else 1
     for remaining in reversed(range(rounds)):
-        options: dict[str, Any] = {"start": start, "free_frequency": free}
         try:
-            fit = fitting(robot, recording, noise.lengths, **options)
+            fit = fitting(robot, recording, noise.lengths, start=start)
         except NoMotionFoundError:
             if noise.lengths.filter is None:
                 raise
             # Deviations that repeat in no period, as with a wrong clock, are not noise: their
             # spectrum is no weight.
             noise = noise.as_white()
-            fit = fitting(robot, recording, noise.lengths, **options)
+            fit = fitting(robot, recording, noise.lengths, start=start)
         if noise.lengths.includes_model_error:
             lengths = recording.lengths
             rest = lengths.as_recorded(fit.residuals)
@@ -323,7 +323,7 @@ def _fit_motion(
             start = fit.series
     linear = None
     if given is None and fewest < least <= fit.series.harmonics:
-        linear = _fit_lengths(robot, recording, noise.lengths, fit, fewest, expected, free=free)
+        linear = _fit_lengths(robot, recording, noise.lengths, fit, fewest, expected)
     tried = None if given else min(least, fit.series.harmonics)
     return _FittedMotion(noise, fit, linear, tried, scarce)
 
@@ -335,21 +335,11 @@ def _fit_lengths(
     fit: MotionFit,
     fewest: int,
     expected: int,
-    *,
-    free: bool,
 ) -> MotionFit | None:
     """Fit the motion of LS and GM, with the harmonics that the lengths show; None: all of them."""
     shorter = fit.series.with_harmonics(expected)
     try:
-        found = choose_harmonics(
-            robot,
-            recording,
-            noise,
-            fewest,
-            expected=expected,
-            start=shorter,
-            free_frequency=free,
-        )
+        found = choose_harmonics(robot, recording, noise, fewest, expected=expected, start=shorter)
     except NoMotionFoundError:
         there = length_equations(robot, recording, noise, shorter)
         return MotionFit.of(robot, recording, shorter, there)
@@ -362,12 +352,10 @@ def _fit_near(
     noise: NoiseEstimate,
     *,
     start: HarmonicMotion,
-    free_frequency: bool,
 ) -> MotionFit:
     """Fit a motion near an estimated one; without success, as after ML without, return this one."""
-    options: dict[str, Any] = {"start": start, "free_frequency": free_frequency}
     try:
-        return fit_motion(robot, recording, noise, start.harmonics, **options)
+        return fit_motion(robot, recording, noise, start.harmonics, start=start)
     except NoMotionFoundError:
         there = length_equations(robot, recording, noise, start)
         return MotionFit.of(robot, recording, start, there)
@@ -402,9 +390,9 @@ def _raised_harmonics(
 ) -> int:
     """Return the harmonics of the motion, with those that the robot's tolerances can raise."""
     if design is None:
-        white, expected = noise.lengths.as_white(), start.harmonics
-        start = choose_harmonics(robot, recording, white, 1, expected=expected, start=start).series
-
+        white, known = noise.lengths.as_white(), replace(start, free_frequency=False)
+        expected = start.harmonics
+        start = choose_harmonics(robot, recording, white, 1, expected=expected, start=known).series
     return raised_harmonics(robot, start.trajectory, recorded_noise(recording, noise))
 
 

@@ -12,6 +12,7 @@ from estimation.kinematics import (
     fit_motion,
     pointwise_motion,
     rate_spread,
+    start_motion,
 )
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseEstimate, PeriodSource, fold_recording
@@ -64,7 +65,8 @@ def test_a_free_frequency_is_found_with_its_uncertainty():
     for seed in range(30):
         data = measured(motion, seed)
         record = fold_recording(data, motion.omega * (1 + 1e-5), PeriodSource.DESIGN, average=False)
-        fit = fit_motion(ROBOT, record, NOISE, 2, free_frequency=True)
+        start = replace(start_motion(ROBOT, record, 2), free_frequency=True)
+        fit = fit_motion(ROBOT, record, NOISE, 2, start=start)
         error = np.sqrt(fit.covariance[-1, -1])
         scores.append((fit.motion.omega - motion.omega) / error)
     assert abs(np.mean(scores)) < 0.6
