@@ -59,6 +59,9 @@ class RecordedNoise:
         """Return the harmonics of moves, (S, 6, t), above which the χ² of all samples is small."""
         lines = np.fft.rfft(moves, axis=0)
         orders = np.arange(len(lines))[:, None, None]
+        of_lengths, of_forces = (
+            self._mean_square(noise, len(moves)) for noise in (self.lengths, self.forces)
+        )
 
         def is_enough(harmonics: int) -> bool:
             left = np.where(orders > harmonics, lines, 0)
@@ -66,22 +69,25 @@ class RecordedNoise:
                 np.fft.irfft(left * (1j * omega * orders) ** order, len(moves), axis=0)
                 for order in range(3)
             ]
-            shown = self._mean_square(jacobian @ derivatives[0], self.lengths)
-            moved = force_slope @ np.concatenate(derivatives, axis=1)
-            return self.samples * (shown + self._mean_square(moved, self.forces)) <= negligible
+            shown = of_lengths(jacobian @ derivatives[0])
+            moved = of_forces(force_slope @ np.concatenate(derivatives, axis=1))
+            return self.samples * (shown + moved) <= negligible
 
         return allowed.start + bisect_left(allowed, True, key=is_enough)
 
-    def _mean_square(self, values: Array, noise: Noise) -> float:
-        """Return the mean of the sum of χ² of series, (S, 6, t), over a period."""
+    def _mean_square(self, noise: Noise, size: int) -> Callable[[Array], float]:
+        """Return a function for the mean sum of χ² of series over a period, (`size`, 6, t)."""
         if noise is None:
-            return 0.0
-        lines, coloured = lines_of(values), callable(noise)
-        count = min(len(lines), int(self.per_period / 2) + 1) if coloured else len(lines)
-        covariance = noise(count) if callable(noise) else noise
-        scaled = np.linalg.solve(np.linalg.cholesky(covariance), lines[:count])
-        weights = multiplicity(len(values))[:count, None, None]
-        return float(np.sum(weights * np.abs(scaled) ** 2)) / len(values)
+            return lambda _: 0.0
+        known = int(self.per_period / 2) + 1 if callable(noise) else size
+        weights = multiplicity(size)[:known]
+        factor = np.linalg.cholesky(noise(len(weights)) if callable(noise) else noise)
+
+        def mean_square(values: Array) -> float:
+            scaled = np.linalg.solve(factor, lines_of(values)[: len(weights)])
+            return float(np.sum(weights[:, None, None] * np.abs(scaled) ** 2)) / size
+
+        return mean_square
 
 
 def raised_harmonics(robot: Robot, motion: FourierTrajectory, recorded: RecordedNoise) -> int:
