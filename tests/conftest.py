@@ -85,9 +85,10 @@ def _started_sooner():
     """Build the command line once for all tests, and start workers when there are jobs for them.
 
     Typer builds it for every call. Workers are kept for one environment, and pytest writes the
-    name of the test into it. The same robot, loaded again, has the same base parameters.
+    name of the test into it. The same robot has the same base parameters, and the same recording
+    the same channels, whichever test asks.
     """
-    from tests.remembered import remembered_reach
+    from tests.remembered import remembered_checks
 
     typer = importlib.import_module("typer.main")
     surroundings = importlib.import_module("expdesign.workers.local")._surroundings
@@ -96,7 +97,7 @@ def _started_sooner():
         folder, environment = surroundings()
         return folder, {k: v for k, v in environment.items() if k != "PYTEST_CURRENT_TEST"}
 
-    with remembered_reach(), pytest.MonkeyPatch.context() as patch:
+    with remembered_checks(), pytest.MonkeyPatch.context() as patch:
         built = functools.cache(typer.get_command)
         patch.setattr("typer.main.get_command", built)
         patch.setattr("typer.testing._get_command", built)

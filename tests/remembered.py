@@ -10,6 +10,7 @@ from types import FunctionType
 
 import pytest
 
+from estimation.identification import recording
 from expdesign.export import certification
 from expdesign.motion import planning, ramp_search
 from expdesign.recheck import certificate, excitable, reach
@@ -26,9 +27,16 @@ def remembered_proofs():
 
 
 @contextmanager
-def remembered_reach():
-    """Find the reach and the base parameters of the same robot once in this process."""
-    with _remembered(reach.reach, excitable), _remembered(excitable.excitable, excitable):
+def remembered_checks():
+    """Check the same robot and the channels of the same recording once in this process.
+
+    Of the robot, that is its reach and its base parameters.
+    """
+    with (
+        _remembered(reach.reach, excitable),
+        _remembered(excitable.excitable, excitable),
+        _remembered(recording.check_channels, recording),
+    ):
         yield
 
 

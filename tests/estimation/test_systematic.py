@@ -1,6 +1,7 @@
 """What is not known exactly: its share of the covariance, and its estimate, against new truths."""
 
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -371,15 +372,25 @@ def _irregular():
     return config, TrajectoryFile.read(DESIGN.with_name("irregular.json")).trajectory
 
 
-@pytest.mark.parametrize("runs", [4, pytest.param(40, marks=pytest.mark.slow)])
+def _drawn_irregular(number):
+    """Return a machine within the tolerances of the irregular one."""
+    return draw_machine(_irregular()[0], np.random.default_rng([1, number])).configuration
+
+
+@lru_cache(maxsize=2)
+def _estimate_irregular(number):
+    """Return the estimates from the recording of a machine that was drawn."""
+    config, motion = _irregular()
+    data = Twin.of(_drawn_irregular(number), motion, seed=number).measurement(1)
+    return estimate_parameters(config, data, motion)
+
+
+@pytest.mark.parametrize("runs", [2, pytest.param(40, marks=pytest.mark.slow)])
 def test_noise_of_harmonics_that_tolerances_may_raise_does_not_bias_gauss_markov(runs):
     """40 harmonics for ML: with all of them GM covered 62 % of the truths."""
-    config, motion = _irregular()
-    truth, inside = robot_from(config.robot).parameters, []
+    truth, inside = robot_from(_irregular()[0].robot).parameters, []
     for number in range(runs):
-        drawn = draw_machine(config, np.random.default_rng([1, number])).configuration
-        data = Twin.of(drawn, motion, seed=number).measurement(1)
-        found = estimate_parameters(config, data, motion)
+        found = _estimate_irregular(number)
         assert found["gm"].motions[0].harmonics < 10 < found["ml"].motions[0].harmonics
         inside.append(np.mean(np.abs(found["gm"].values - truth) < 1.96 * found["gm"].std))
     assert abs(np.mean(inside) - 0.95) < 0.02 + 3 * 0.08 / np.sqrt(runs)
@@ -389,9 +400,8 @@ def test_a_prediction_counts_raised_harmonics_and_does_not_follow_their_noise():
     """Along 36 harmonics it found errors from 66 to 142 N."""
     config, motion = _irregular()
     robot = robot_from(config.robot)
-    drawn = draw_machine(config, np.random.default_rng(1)).configuration
-    data, other = (Twin.of(drawn, motion, seed=seed).measurement(1) for seed in (1, 2))
-    found = estimate_parameters(config, data, motion)
+    other = Twin.of(_drawn_irregular(1), motion, seed=2).measurement(1)
+    found = _estimate_irregular(1)
     held_out = prepare_experiment(config, robot, other, motion, held_out=True)
     errors = prediction_errors(robot, held_out, found["ml"].values, None)
     assert max(error.detectable for error in errors) < 10
