@@ -377,6 +377,10 @@ _FINEST = 1e-6
 """Length, m, of a unit that is never logged: its whole numbers are counts."""
 _ENDS = (0.05, 0.95)
 """Quantiles of the lengths that must be possible in a unit."""
+_NO_OFFSET = (
+    "no offset: readings are taken for lengths from joint to joint. Of a logger with another zero "
+    "state the length of each strut at reading 0, offset: [L1, …, L6], or offset: home"
+)
 _MOVES = 0.02
 """Largest motion, as a share of the stroke, that does not confirm a unit."""
 
@@ -391,6 +395,7 @@ def _check_lengths(
     stated = units.get("q") or table.columns[LENGTH_CHANNELS[0]].unit
     shown = " ".join(f"{one:.4g}" for one in middle)
     if robot is None:
+        guess.facts.append(_NO_OFFSET)
         if stated is None:
             guess.questions.append(f"units: {{q: …}}: not stated, m is assumed; around {shown}")
         return
@@ -407,6 +412,7 @@ def _check_lengths(
     from_home = [u for u, scale in scales.items() if np.all(allowed.fits(home + ends * scale))]
     if absolute:
         unit = absolute[0]
+        guess.facts.append("no offset: the lengths fit the robot's as they are")
     elif from_home:
         # Every smaller unit fits as well.
         unit = max(from_home, key=lambda each: (each != "in", np.max(scales[each])))

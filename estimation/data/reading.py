@@ -141,7 +141,8 @@ def read_measurement(
     robot : ResolvedRobot or Robot
         The measured robot: its parameters need as many rows, its limits show implausible lengths.
     plausible : bool
-        Refuse implausible lengths.
+        Refuse implausible lengths; otherwise only those that are far out of range with stated
+        zeros, unless another unit or sign explains them.
 
     Raises
     ------
@@ -196,8 +197,7 @@ def measurement_of(
     refuse_empty_rows(table, FORCE_CHANNELS)
     base = time_base(table, section)
     lengths = np.column_stack([table.values[channel] for channel in LENGTH_CHANNELS])
-    if plausible:
-        refuse_implausible_lengths(table, lengths, description, section)
+    refuse_implausible_lengths(table, lengths, description, section, explained=not plausible)
     period = table.values.get("period")
     return Measurement(
         time=base.time,
@@ -464,6 +464,7 @@ def _factor(
 _UNITS = ("m", "mm", "cm", "in", "ft", "µm", "dm", "km")
 """Units that are tried if the lengths are implausible, the most likely first."""
 _ZERO_AT_HOME = "; it would fit if the channel read zero at home: data.offset: home"
+_PLAIN_ZERO = "; a plain number under data.offset is in m"
 _NEAR_HOME = 0.25
 """Largest distance of a motion's middle from home, as a share of the stroke."""
 _MARGIN = 0.1
@@ -506,21 +507,35 @@ class LengthRange:
 
 
 def refuse_implausible_lengths(
-    table: RawTable, lengths: Array, robot: ResolvedRobot, section: DataSection
+    table: RawTable,
+    lengths: Array,
+    robot: ResolvedRobot,
+    section: DataSection,
+    *,
+    explained: bool = False,
 ) -> None:
-    """Refuse impossible strut lengths, (T, 6), m: wrong units, outlying values."""
+    """Refuse impossible strut lengths, (T, 6), m: wrong units, outlying values.
+
+    `explained` ones, with other channels, are left to the search for these.
+    """
     allowed = LengthRange.of(robot)
     middle = np.median(lengths, axis=0)
+    stroke = allowed.upper - allowed.lower
     outside = (lengths < allowed.lower) | (lengths > allowed.upper)
+    stated = section.length_offsets != "home" and any(section.length_offsets)
+    far = stated & ((middle < allowed.lower - stroke) | (middle > allowed.upper + stroke))
     problems = []
     for strut in np.flatnonzero(~allowed.fits(middle)).tolist():
         message = f"around {middle[strut]:.4g} m long, out of this robot's range"
         row = int(np.argmax(outside[:, strut]))
         hint = _hint(allowed, middle, strut, table, section, robot)
+        if explained and (hint.partition(":")[0] != _PLAIN_ZERO if hint else not far[strut]):
+            continue
         problems.append(allowed.problem(table, strut, row, message + hint))
     if problems:
         raise InputError(problems)
-    stroke = allowed.upper - allowed.lower
+    if explained:
+        return
     wild = (lengths <= np.maximum(allowed.lower - stroke, 0)) | (lengths > allowed.upper + stroke)
     places = np.argwhere(wild)
     for row, strut in places[:MOST_PROBLEMS].tolist():
@@ -545,6 +560,9 @@ def _hint(
     own = section.actuator_units(robot)
     factors = [_factor(_in_file(c, section), c, table, section, own)[0] for c in LENGTH_CHANNELS]
     in_file = positions / factors
+    for unit in _UNITS if section.length_offsets != "home" and np.any(offsets) else ():
+        if allowed.fits(offsets * LENGTH.parse(f"1 {unit}") + signs * positions)[strut]:
+            return f"{_PLAIN_ZERO}: it would fit with offsets in {unit}"
     units = {u: allowed.fits(offsets + signs * in_file * LENGTH.parse(f"1 {u}")) for u in _UNITS}
     from_home = not np.any(offsets)
     stroke = allowed.upper - allowed.lower

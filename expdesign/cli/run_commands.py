@@ -75,7 +75,8 @@ def plan(
         option(
             "--want",
             "NAME=VALUE",
-            "A wanted standard deviation: mass=1%, centre=5mm, p10=0.1kg; give it several times. "
+            "A wanted standard deviation: mass=1% (with the sliders), platform_mass=1% (without), "
+            "centre=5mm, p10=0.1kg; give it several times. "
             "It replaces that of `goals` in the run file.",
         ),
     ] = None,

@@ -16,8 +16,10 @@ from expdesign.configuration import InputError, RunConfiguration, load_run, quot
 from expdesign.runfolder.files import RUN_FILE
 from expdesign.runfolder.lock import one_writer
 from expdesign.stages.execution import (
+    SEARCHES,
     current_configuration,
     execute,
+    keep_search,
     refuse_run_file,
     refuse_unwritable,
     run_folder,
@@ -53,6 +55,8 @@ def execute_stage(
     refuse_unwritable(folder)
     with one_writer(folder, f"expdesign {command or name}"):
         configuration = current_configuration(configuration, folder).with_search(effort, seed)
+        if name not in SEARCHES:
+            configuration = keep_search(configuration, folder)
         before = configuration.warnings_before(name)
         if repetitions is not None:
             configuration = configuration.with_section("montecarlo", repetitions=repetitions)

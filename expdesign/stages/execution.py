@@ -22,6 +22,7 @@ from expdesign.configuration import (
     quote,
     resolved_yaml,
 )
+from expdesign.configuration.design import Effort
 from expdesign.configuration.motions import motion_runs
 from expdesign.evaluation.machine_code import evaluator
 from expdesign.interruption import clean_up, interruptible
@@ -42,6 +43,7 @@ from expdesign.runfolder.manifest import (
 )
 from expdesign.runfolder.tables import COLUMNS_FILE, tables_described
 from expdesign.stages.stage import Outcome, Stage, StageFailed, Workspace, short
+from expdesign.trajectory import TrajectoryFile
 from expdesign.workers import StoppedError, prepare_workers
 from results.views.folder import RunFolder
 from results.views.view import StageView
@@ -51,7 +53,9 @@ Place = str | PathLike[str]
 _SAVING = ("the result is saved first", "discards what is not yet saved")
 _FOLDERS = ("tables", "figures", "exports", "designs", "montecarlo", "repetitions")
 """Folders of files in a run folder, and in the folders of a sweep's designs."""
-_PARALLEL = ("design", "motions", "montecarlo")
+SEARCHES = ("design", "motions")
+"""Stages that search for motions."""
+_PARALLEL = (*SEARCHES, "montecarlo")
 """Stages whose workers are needed soon after their modules are loaded."""
 
 
@@ -399,6 +403,22 @@ def current_configuration(configuration: RunConfiguration, folder: Path) -> RunC
     if file is None or file.absolute() != folder / RUN_FILE:
         return configuration
     return load_run(file)
+
+
+def keep_search(configuration: RunConfiguration, folder: Path) -> RunConfiguration:
+    """Return the run with the size and seed of the search that made the folder's design.
+
+    Options may have given them: the stages after the design would write those of the run file to
+    `run.yaml`, and the design would seem to be made from another one.
+    """
+    file = folder / RUN_FILE
+    if configuration.run.sweep or not (file.is_file() and (folder / TrajectoryFile.FILE).is_file()):
+        return configuration
+    made = load_run(file).run.design
+    search = {key: getattr(made, key) for key in ("effort", *Effort._fields, "seed")}
+    kept = configuration.with_section("design", **search)
+    kept.run.model_fields_set.intersection_update(configuration.run.model_fields_set)
+    return kept
 
 
 def refuse_long(folder: Path) -> None:

@@ -89,7 +89,11 @@ def _meanings(result: PlanResult) -> Iterator[str]:
             "assumption, and platform: general has all three components."
         )
     if any(name.startswith(("mass", "centre", "inertia")) for name in names):
-        yield "Mass, centre and inertia are those of the platform with the sliders' masses."
+        yield (
+            "Mass, centre and inertia are those of the platform with the sliders' masses; "
+            "platform_mass, platform_centre and platform_inertia are without them, if the robot "
+            "file states the sliders as bodies."
+        )
     yield (
         "Not counted: effects that the model lacks and the tests may miss; with a size under "
         "`tolerances.terms` they are. An estimate states theirs as σ undetected."

@@ -216,6 +216,19 @@ def rubin(tiny):
     )
 
 
+def test_later_stages_do_not_change_what_the_design_was_made_from(expdesign, tiny, tmp_path):
+    """Its seed came from an option."""
+    file, folder = write_run(tmp_path, tiny()), tmp_path / "run"
+    assert expdesign("design", file, "--out", folder, "--seed", 4)[0] == 0
+    before = load_run(folder / "run.yaml").run.design
+    assert (before.seed, load_run(file).run.design.seed) == (4, 0)
+    assert expdesign("plan", file, "--out", folder, "--want", "mass=90%")[0] == 0
+    after = load_run(folder / "run.yaml").run
+    assert (after.design, after.goals) == (before, {"mass": "90%"})
+    _, _, messages = expdesign("certify", folder)
+    assert "changed" not in messages
+
+
 def test_parameters_that_the_limits_cannot_excite(expdesign, tiny, tmp_path):
     path = write_run(tmp_path, rubin(tiny))
     out = tmp_path / "out"

@@ -353,6 +353,25 @@ def test_a_wrong_scale_of_all_lengths_is_found_by_the_design(command, folder, fa
     assert json.loads(command("check", *given).output)["channels"]["faults"] == []
 
 
+@pytest.mark.parametrize(("offset", "words"), [(676, "offsets in mm"), (-9, "out of this robot")])
+def test_zeros_far_out_of_range_are_refused_before_anything_is_computed(
+    command, folder, monkeypatch, offset, words
+):
+    def long(*_arguments, **_options):
+        raise AssertionError("it would take minutes")
+
+    monkeypatch.setattr("expdesign.stages.estimate.check_channels_of", long)
+    home = load_robot("palida").description.struts_at(load_robot("palida").home).lengths
+    write(
+        folder / "zeros.csv", change=lambda table: table.assign(**(table[LENGTHS] - home.tolist()))
+    )
+    run = {"name": "lab", "robot": "palida", "data": {"offset": [offset] * 6}}
+    (folder / "run.yaml").write_text(json.dumps(run))
+    found = command("check", folder / "run.yaml", "--data", folder / "zeros.csv")
+    assert found.status == 2
+    assert words in found.error
+
+
 def test_lengths_that_no_pose_has_refer_to_the_design(command, folder, monkeypatch):
     def no_pose(*_arguments, **_options):
         raise MotionFitError("no pose has the measured lengths")

@@ -268,6 +268,17 @@ def test_lengths_in_another_unit(factor, unit, csv, rec, refused, read):
     assert read(path, units={"q": unit}).lengths == pytest.approx(rec.q / factor)
 
 
+def test_zeros_without_a_unit_are_taken_for_metres_and_said(csv, rec, refused, read):
+    zeros = np.median(rec.q, axis=0).round(3)
+    rec.q -= zeros
+    problems = refused(csv(), offset=(1e3 * zeros).tolist())
+    words = "a plain number under data.offset is in m: it would fit with offsets in mm"
+    assert all(words in one.message for one in problems)
+    assert read(csv(), offset=[f"{1e3 * zero} mm" for zero in zeros]).lengths == pytest.approx(
+        rec.q + zeros
+    )
+
+
 def test_the_hint_counts_from_the_unit_that_was_stated(csv, rec, refused):
     problems = refused(csv(), units={"q": "mm"})
     assert "it would fit if the file were in m:" in problems[0].message

@@ -62,7 +62,8 @@ def test_the_section_reads_the_recording(dialect, first, tmp_path, rec, palida):
     stated = dict(zip("tqQ", units.split(), strict=True)) if units else {}
     stated = {key: unit for key, unit in stated.items() if unit != "-"}
     assert guess.section.get("units", {}) == stated
-    assert guess.facts == ["60 rows, 1000 Hz, 0.059 s"]
+    fits = "no offset: the lengths fit the robot's as they are"
+    assert guess.facts == ["60 rows, 1000 Hz, 0.059 s", fits]
     assert all("not stated, N is assumed" in text for text in guess.questions)
     assert len(guess.questions) == ("Q" not in stated)
     found = read_measurement(path, DataSection.model_validate(guess.section), machine)
