@@ -98,6 +98,8 @@ class ChannelCheck:
     """Sentence on a lag of the forces that may be a delay, a filter or both; empty: none."""
     force_scale: str = ""
     """Sentence on a factor of all forces that no machine of the kind has; empty: none."""
+    least_delay: float = 0.0
+    """Smallest delay that is a fault, s."""
 
     def corrected(self, section: DataSection) -> dict[str, Any]:
         """Return the keys of the section that is right, without defaults, as in a run file."""
@@ -194,9 +196,9 @@ def check_channels(
     shown = explained, as_given, noise_share
     scale = "" if none else describe_force_scale(robot, *model.nominal_scale(given))
     if explained < _EXPLAINED or (none and not sure):
-        return ChannelCheck((), {}, False, *shown, none, force_scale=scale)
+        return ChannelCheck((), {}, False, *shown, none, "", scale, least_delay)
     if not (faults or from_home):
-        return ChannelCheck((), {}, False, *shown, none, lag, scale)
+        return ChannelCheck((), {}, False, *shown, none, lag, scale, least_delay)
     has_units = has_units or not section.units.keys().isdisjoint({"q", *LENGTH_CHANNELS})
     keys = dict(changed_keys(section, found, zeros, has_units))
     if from_home:

@@ -167,7 +167,9 @@ def show_channels(run: str, data: Path, design: Path | None, *, as_json: bool) -
     if not (found.faults or doubts or found.as_given is None):
         note(
             f"the channels are those of the struts: they explain {given}, and noise is "
-            f"{100 * found.noise:.3g} %; no other ones explain the forces better"
+            f"{100 * found.noise:.3g} %; no other ones explain the forces better. Not examined: a "
+            f"delay of less than {1e3 * found.least_delay:.3g} ms, a mean over less than "
+            f"{2e3 * found.least_delay:.3g} ms"
         )
 
 

@@ -309,6 +309,7 @@ def test_forces_that_no_channels_explain(command, folder):
         said = command("check", *given).error
         assert ("no channels explain the forces" in said) == unexplained
         assert ("the channels are those of the struts" in said) != unexplained
+        assert ("Not examined: a delay of less than 3.75 ms" in said) != unexplained
 
 
 def test_another_unit_than_that_of_the_file_is_a_scale(command, folder):
