@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from threading import Event, Lock, Thread
 
 from rich.console import Console
 from rich.live import Live
@@ -17,6 +18,10 @@ HEARTBEAT = 5.0
 """Seconds between two lines, at least, where nothing can be redrawn in place."""
 _UNCHANGED = 60.0
 """The same between two lines that state the same progress."""
+_LASTING = 10.0
+"""The same where nothing has reported since."""
+_CHECKED = 1.0
+"""Seconds between two checks for it."""
 _SILENT = 2.0
 """Seconds that pass before anything is shown."""
 _BAR = 16
@@ -68,6 +73,7 @@ class Activity:
         self._shown = ("", 0)
         self._spinner = Spinner("dots")
         self._live: Live | None = None
+        self._lock = Lock()
         self.paused = False
 
     def show_progress(self, what: str, done: int, total: int) -> None:
@@ -76,12 +82,17 @@ class Activity:
             # Items of an earlier run are not part of the time.
             self._what, self._since, self._first = what, time.monotonic(), done
         self._done, self._total = done, total
+        self._write_line(HEARTBEAT)
+
+    def _write_line(self, pause: float) -> None:
+        """Write a line if nothing can be redrawn and the last one is older than a pause, s."""
         if self._console.is_terminal or self.paused:
             return
-        pause = _UNCHANGED if self._shown == (what, done) else HEARTBEAT
-        if time.monotonic() - self._spoke > pause:
-            self._console.print(self.line)
-            self._spoke, self._shown = time.monotonic(), (what, done)
+        with self._lock:
+            state = self._what, self._done
+            if time.monotonic() - self._spoke > (_UNCHANGED if self._shown == state else pause):
+                self._console.print(self.line)
+                self._spoke, self._shown = time.monotonic(), state
 
     @property
     def line(self) -> str:
@@ -100,7 +111,8 @@ class Activity:
     def display(self) -> Iterator[None]:
         """Show the progress on a terminal until the stage is done, and then remove it."""
         if not self._console.is_terminal:
-            yield
+            with self._lines_while_lasting():
+                yield
             return
         self._live = Live(
             get_renderable=self._picture,
@@ -111,6 +123,23 @@ class Activity:
         with self._live:
             yield
         self._live = None
+
+    @contextmanager
+    def _lines_while_lasting(self) -> Iterator[None]:
+        """Write lines also while nothing reports, such as during a compilation."""
+        ended = Event()
+
+        def write() -> None:
+            while not ended.wait(_CHECKED):
+                self._write_line(_LASTING)
+
+        thread = Thread(target=write, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
 
     @contextmanager
     def hide(self) -> Iterator[None]:

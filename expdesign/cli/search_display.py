@@ -239,7 +239,7 @@ class SearchDisplay:
         if not self._running:
             return Group(*lines, Text(self._before.line))
         table = Table(box=None, pad_edge=False, header_style="dim")
-        for title in ("start", "stage", "iteration", "objective", "excess, of its range", "time"):
+        for title in ("start", "stage", "iteration", "objective", "excess", "time"):
             table.add_column(title, justify="left" if title == "stage" else "right", no_wrap=True)
         for start, event in sorted(self._running.copy().items()):
             table.add_row(

@@ -1,6 +1,7 @@
 """What a stage is at, on a terminal and elsewhere."""
 
 import io
+import time
 from itertools import pairwise
 
 import pytest
@@ -47,6 +48,23 @@ def test_a_line_is_repeated_after_a_minute_at_the_earliest(clock):
         clock.now += 1.0
         activity.show_progress("drawing figures", 0, 1)
     assert len(lines(console)) == 2
+
+
+def test_what_lasts_is_named_although_nothing_reports(clock, monkeypatch):
+    monkeypatch.setattr("expdesign.cli.activity._CHECKED", 0.01)
+    console = Console(file=io.StringIO(), width=200)
+    activity = Activity(console, "design")
+    with activity.display():
+        clock.now += 10.0
+        activity.show_progress("the reach of each coordinate", 0, 6)
+        clock.now += 1.0
+        activity.show_progress("compiling", 0, 0)
+        assert len(lines(console)) == 1
+        clock.now += 20.0
+        deadline = time.monotonic() + 60
+        while len(lines(console)) < 2 and time.monotonic() < deadline:
+            time.sleep(0.01)
+    assert "compiling" in lines(console)[-1]
 
 
 def test_what_is_quick_says_nothing(clock):
