@@ -34,7 +34,6 @@ from estimation.diagnostics.joint_system import (
 )
 from estimation.diagnostics.linearisation import (
     CandidateEffects,
-    Linearisation,
     Signature,
     linearise,
 )
@@ -318,20 +317,17 @@ class RecordingInformation:
     _system: JointSystem
     _order: Places
     """Order of the system's unknowns: (p, θ), then the motion."""
-    _experiment: Experiment
-    _part: Linearisation
+    _effects: CandidateEffects
+    """The linearised recording."""
 
     @classmethod
-    def of(
-        cls, candidate_effects: CandidateEffects, part: Linearisation, experiment: Experiment
-    ) -> Self:
-        """Linearise one recording and eliminate its motion."""
+    def of(cls, effects: CandidateEffects, deviations: Signature) -> Self:
+        """Eliminate the motion of one recording; θ are the deviations with tolerances."""
+        part, noise = effects.part, effects.experiment.noise
         count = int(np.count_nonzero(part.free))
-        system = JointSystem.of(part, experiment.noise)
-        deviations = candidate_effects.tolerance_columns()[0]
-        system = system.with_effects(deviations)
+        system = JointSystem.of(part, noise).with_effects(deviations)
         order, kept = motion_last(system, count, deviations.count), count + deviations.count
-        white = RowWhitening.of(experiment.noise.forces.as_white(), part.counts)
+        white = RowWhitening.of(noise.forces.as_white(), part.counts)
         columns_white = np.sum(white(part.regressors[:, :, part.free]) ** 2, axis=(0, 1))
         return cls(
             total=system.equations.select(order).eliminate(kept),
@@ -340,22 +336,21 @@ class RecordingInformation:
             samples=float(np.sum(part.counts)),
             _system=system,
             _order=order,
-            _experiment=experiment,
-            _part=part,
+            _effects=effects,
         )
 
     def lack_of_fit(
         self, places: Places, prior: NormalEquations, level: float
     ) -> HarmonicLackOfFit | None:
         """Test the low harmonics with some of (p, θ) as unknowns; None if they are not tested."""
-        experiment = self._experiment
+        experiment = self._effects.experiment
         if experiment.fit is None or experiment.noise.forces.includes_model_error:
             return None
         first = len(self.total.gradient)
         system = self._system.select(np.concatenate([self._order[places], self._order[first:]]))
         solved = replace(system, equations=system.equations + prior.select(places)).solution
         harmonics = experiment.harmonics or 0
-        return harmonic_lack_of_fit(experiment, self._part, solved, harmonics, level=level)
+        return harmonic_lack_of_fit(experiment, self._effects.part, solved, harmonics, level=level)
 
     def residual_chi_square(self, step: Array) -> tuple[float, int]:
         """Return χ² of the forces after a step of (p, θ), (u,), and the number of rows."""
@@ -371,7 +366,7 @@ class RecordingInformation:
 
         One column for all data if there are no separate periods.
         """
-        experiment, system = self._experiment, self._system
+        experiment, system = self._effects.experiment, self._system
         forces, lengths = experiment.recording.forces, experiment.recording.lengths
         total = self.total.gradient[:, None]
         if forces.repeats is None or lengths.repeats is None:
@@ -380,7 +375,8 @@ class RecordingInformation:
         count, first = len(forces.repeats), len(total)
         own = np.moveaxis(forces.repeats - forces.values, 0, 2)
         of_lengths = np.moveaxis(lengths.repeats - lengths.values, 0, 2)
-        single = Signature(experiment.select_rows(own), of_lengths[: len(self._part.length_counts)])
+        rows = len(system.length_rows.counts)
+        single = Signature(experiment.select_rows(own), of_lengths[:rows])
         gradients = (system.columns.T @ system.whiten(single))[self._order]
         explained = self.total.slope.T @ gradients[first:]
         return np.asarray(total + gradients[:first] - explained) / count
@@ -431,9 +427,9 @@ class Evidence:
         for experiment in reweighted:
             motion = None if experiment.fit is None else experiment.fit.motion
             part = linearise(robot, experiment, values, priors.free, motion)
-            candidate_effects = CandidateEffects(robot, experiment, motion, values, part)
-            _, precision, off = candidate_effects.tolerance_columns(known)
-            shares.append(RecordingInformation.of(candidate_effects, part, experiment))
+            effects = CandidateEffects(robot, experiment, motion, values, part)
+            deviations, precision, off = effects.tolerance_columns(known)
+            shares.append(RecordingInformation.of(effects, deviations))
         names = [n for n, free in zip(priors.names, priors.free, strict=True) if free]
         size = len(names) + len(precision)
         margins = np.full((size, 2), [-np.inf, np.inf])
