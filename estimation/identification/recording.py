@@ -122,10 +122,12 @@ def prepare_recording(
         experiment = Experiment.from_points(robot, recording, noise.as_white(), motion)
         return PreparedRecording(data.source, experiment, None, data.jitter)
     at = estimated if isinstance(estimated, HarmonicMotion) else None
-    fitted = _fit_motion(configuration, robot, recording, noise, design, at)
-    noise, fit, warnings = fitted.noise, fitted.fit, [fitted.scarce]
+    experiment, fit, fewest, scarce = _fit_motion(
+        configuration, robot, recording, noise, design, at
+    )
+    warnings = [scarce]
     if section.frequency != "estimated":
-        own = noise.lengths.covariance
+        own = experiment.noise.lengths.covariance
         warnings.append(period_warning(robot, data, recording, fit.series, own))
     if fit.wanted is not None:
         warnings.append(
@@ -135,21 +137,16 @@ def prepare_recording(
         )
     stated = {each.name: each.tolerance for each in low_passes(robot)}
     warnings.append(slow_low_pass_warning(robot, fit.series, stated))
-    experiment = Experiment.from_fit(robot, recording, noise, fit).without_lacking_terms(robot)
-    if fitted.linear is not None:
-        known = fitted.linear
-        linear = MotionEstimate.of(robot, recording, known.motion, known.covariance)
-        experiment = replace(experiment, linear_motion=linear).of_robot(robot)
     if held_out:
         experiment = experiment.for_estimator("gm")
     else:
         priors = ParameterPriors.of(robot, section)
         experiment = weigh_signs(robot, experiment, priors)
-        if fitted.fewest is not None:
+        if fewest is not None:
             whole = refine_motion(robot, experiment, priors)
             experiment = replace(experiment, refined_motion=whole)
     found = tuple(filter(None, warnings))
-    return PreparedRecording(data.source, experiment, fitted.fewest, data.jitter, found)
+    return PreparedRecording(data.source, experiment, fewest, data.jitter, found)
 
 
 def fold_measurement(
@@ -250,21 +247,6 @@ def _cutoff(
     return cutoff
 
 
-@dataclass(frozen=True, eq=False)
-class _FittedMotion:
-    """Motion fitted to the lengths of a recording, with the noise that weighted them."""
-
-    noise: NoiseModel
-    fit: MotionFit
-    linear: MotionFit | None
-    """The motion of LS and GM, with the harmonics that the lengths show; None: that of ML."""
-    fewest: int | None
-    """The fewest harmonics that were tried: those of the design, or more where the tolerances of
-    joints allow a motion with more; None for a given number."""
-    scarce: str
-    """Warning that a period has too few samples for these harmonics; empty: there are enough."""
-
-
 def _fit_motion(
     configuration: RunConfiguration,
     robot: Robot,
@@ -272,10 +254,13 @@ def _fit_motion(
     noise: NoiseModel,
     design: FourierTrajectory | None,
     estimated: HarmonicMotion | None,
-) -> _FittedMotion:
-    """Fit the motion, with the number of harmonics that lengths and tolerances ask for.
+) -> tuple[Experiment, MotionFit, int | None, str]:
+    """Return the experiment along its motion, with the harmonics that lengths and tolerances need.
 
-    A motion that is estimated already is where the fit begins, and has its number.
+    A motion that is estimated already is where the fit begins, and has its number. Returned with
+    the fit to the lengths, the fewest harmonics that were tried (those of the design, or more where
+    tolerances of joints allow them; None for a given number), and a warning if a period has too few
+    samples for these harmonics, otherwise empty.
     """
     section = configuration.run.estimate
     expected = configuration.run.trajectory.harmonics if design is None else design.harmonics
@@ -321,11 +306,14 @@ def _fit_motion(
             noise = replace(noise, lengths=lengths.noise_before_sensors(found))
         if remaining:
             start = fit.series
-    linear = None
+    experiment = Experiment.from_fit(robot, recording, noise, fit).without_lacking_terms(robot)
     if given is None and fewest < least <= fit.series.harmonics:
-        linear = _fit_lengths(robot, recording, noise.lengths, fit, fewest, expected)
+        known = _fit_lengths(robot, recording, noise.lengths, fit, fewest, expected)
+        if known is not None:
+            linear = MotionEstimate.of(robot, recording, known.motion, known.covariance)
+            experiment = replace(experiment, linear_motion=linear).of_robot(robot)
     tried = None if given else min(least, fit.series.harmonics)
-    return _FittedMotion(noise, fit, linear, tried, scarce)
+    return experiment, fit, tried, scarce
 
 
 def _fit_lengths(
