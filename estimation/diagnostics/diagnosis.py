@@ -51,6 +51,7 @@ from estimation.diagnostics.residual_covariance import (
     held_out_residual_covariance,
     joint_residual_covariance,
     refit_lengths,
+    root_of_covariance,
     with_empirical_colour,
 )
 from estimation.diagnostics.residuals import (
@@ -326,18 +327,18 @@ def _length_residuals(
     experiment = case.experiment
     if experiment.fit is None or case.filtered.lengths is None:
         return None
-    own = experiment.fit.covariance
-    if case.own_motion:
-        first = int(np.count_nonzero(case.part.free))
-        motion = slice(first, first + case.part.motion_columns.shape[2])
-        own = system.solution.inverse[motion, motion]
     refitted = refit_lengths(
         case.part, experiment, explained, case.tolerated[1], found, force=case.recoloured
     )
     if refitted is not None:
         return refitted
+    if case.own_motion:
+        first = int(np.count_nonzero(case.part.free))
+        root = system.solution.root[first : first + case.part.motion_columns.shape[2]]
+    else:
+        root = root_of_covariance(experiment.fit.covariance)
     columns = case.filtered.length_columns * np.sqrt(case.filtered.length_counts)[:, None, None]
-    expected = ResidualCovariance(experiment.noise.lengths, columns, -own, fitted=True)
+    expected = ResidualCovariance.of(experiment.noise.lengths, columns, root, fitted=True)
     return case.filtered.lengths, expected
 
 

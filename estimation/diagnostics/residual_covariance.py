@@ -4,9 +4,9 @@ With rows scaled to the noise of one sample, e = ε − U g, where g are the err
 parameters, motion, signs of friction, deviations within their tolerances. The joint fit of all of
 them leaves residuals that do not depend on the estimator,
 
-    Cov(e_j) = σ_j² 1 + U_j K U_jᵀ,   K = −J⁻¹,
+    Cov(e_j) = σ_j² 1 − U_j J⁻¹ U_jᵀ,
 
-and a prediction of held-out data those with K = Cov(g).
+and a prediction of held-out data those with Cov(e_j) = σ_j² 1 + U_j Cov(g) U_jᵀ.
 
 `empirical_noise` and `with_empirical_colour` replace an assumed noise by that of the recording.
 """
@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import scipy.linalg as sla
@@ -35,32 +34,48 @@ class ResidualCovariance:
     """First-order covariance of the residuals of all channels."""
 
     noise: NoiseEstimate
-    columns: Array
-    """(R, 6, u), U times the square roots of the counts."""
-    kernel: Array
-    """(u, u), K."""
+    effects: Array
+    """(6, R, r), effects of independent errors g of variance 1 on the rows of each channel."""
     fitted: bool
-    """Whether the unknowns were fitted to these residuals."""
+    """Whether the unknowns were fitted to these residuals: g then reduces their variance."""
+
+    @classmethod
+    def of(
+        cls, noise: NoiseEstimate, columns: Array, root: Array, *, fitted: bool
+    ) -> ResidualCovariance:
+        """Return the covariance with unknowns of covariance root rootᵀ, (u, r).
+
+        `columns`, (R, 6, u), are U times the square roots of the counts.
+        """
+        return cls(noise, np.matmul(columns.transpose(1, 0, 2), root), fitted)
+
+    @property
+    def _sign(self) -> float:
+        return -1.0 if self.fitted else 1.0
+
+    @property
+    def size(self) -> int:
+        """Number of residuals of all channels."""
+        return self.effects.shape[0] * self.effects.shape[1]
 
     def weights(self, channel: int) -> Array:
         """Return the eigenvalues of B = Cov(e_j) / σ_j², (R,): variances of independent parts."""
-        own = self.columns[:, channel]
+        own = self.effects[channel]
+        gram = own @ own.T if own.shape[0] < own.shape[1] else own.T @ own
         variance = float(self.noise.covariance[channel, channel])
-        values = np.linalg.eigvals(self.kernel @ (own.T @ own)).real / variance
-        values = values[np.argsort(-np.abs(values))][: len(own)]
-        return np.maximum(1.0 + np.pad(values, (0, len(own) - len(values))), 0.0)
+        added = self._sign * np.linalg.eigvalsh(gram) / variance
+        return np.maximum(1.0 + np.pad(added, (0, len(own) - len(added))), 0.0)
 
     def lagged_covariance(self, channel: int, lag: int) -> float:
         """Return Σ_t Cov(e_t, e_{t + lag}) / σ_j² of one channel, without the noise itself."""
-        rows = len(self.columns) - lag
-        pairs = self._mapped[:rows, channel], self.columns[lag:, channel]
-        product = float(np.einsum("ru,ru->", *pairs))
+        own = self.effects[channel]
+        product = self._sign * float(own[: len(own) - lag].ravel() @ own[lag:].ravel())
         return product / float(self.noise.covariance[channel, channel])
 
-    @cached_property
-    def _mapped(self) -> Array:
-        """(R, 6, u), U K, for all lags."""
-        return self.columns @ self.kernel
+    def expected_sum(self, inverse: Array) -> float:
+        """Return E Σ eᵀ Σ⁻¹ e, given Σ⁻¹ of the noise, (6, 6): 6 R less the fitted freedom."""
+        rows = self.effects.reshape(len(self.effects), -1)
+        return self.size + self._sign * float(np.sum(inverse * (rows @ rows.T)))
 
 
 def joint_residual_covariance(
@@ -72,7 +87,7 @@ def joint_residual_covariance(
     """
     system = solved.system
     columns = system.force_rows.unscale(system.force_columns) * np.sqrt(counts)[:, None, None]
-    return ResidualCovariance(noise, columns, -solved.inverse, fitted=True)
+    return ResidualCovariance.of(noise, columns, solved.root, fitted=True)
 
 
 def held_out_residual_covariance(
@@ -81,9 +96,18 @@ def held_out_residual_covariance(
     """Return the covariance of a prediction's residuals: no unknown was fitted to these forces."""
     own = estimate.covariance[np.ix_(part.free, part.free)]
     motion = np.zeros((0, 0)) if experiment.fit is None else experiment.fit.covariance
-    covariance = sla.block_diag(own, motion, np.eye(part.sign_errors.shape[2]))
+    signs = np.eye(part.sign_errors.shape[2])
+    root = sla.block_diag(root_of_covariance(own), root_of_covariance(motion), signs)
     columns = part.columns * np.sqrt(part.counts)[:, None, None]
-    return ResidualCovariance(experiment.noise.forces, columns, covariance, fitted=False)
+    return ResidualCovariance.of(experiment.noise.forces, columns, root, fitted=False)
+
+
+def root_of_covariance(covariance: Array) -> Array:
+    """Return R, (u, r), with R Rᵀ a covariance, (u, u), that may be singular."""
+    std = np.sqrt(np.diag(covariance))
+    scale = np.where(std > 0, std, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.multiply.outer(scale, scale))
+    return np.asarray(std[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def refit_lengths(

@@ -82,7 +82,7 @@ def chi_square(residuals: Array, counts: Array, expected: ResidualCovariance) ->
     """
     inverse = np.asarray(np.linalg.inv(expected.noise.covariance), dtype=np.float64)
     value = float(np.einsum("r,ri,ij,rj->", counts, residuals, inverse, residuals))
-    freedom = _expectation(expected, inverse)
+    freedom = expected.expected_sum(inverse)
     ratio, upper, lower, refused = value / freedom, np.nan, np.nan, ""
     if expected.noise.includes_model_error:
         refused = "the noise was estimated from these residuals: their χ² carries no information"
@@ -94,14 +94,6 @@ def chi_square(residuals: Array, counts: Array, expected: ResidualCovariance) ->
         f, *counts_of_f = trace_as_f(value, freedom, nu)
         upper, lower = scipy.stats.f.sf(f, *counts_of_f), scipy.stats.f.cdf(f, *counts_of_f)
     return ChiSquare(value, freedom, ratio, float(upper), float(lower), refused)
-
-
-def _expectation(expected: ResidualCovariance, inverse: Array) -> float:
-    """Return E Σ eᵀ Σ⁻¹ e: 6 R minus the fitted degrees of freedom."""
-    rows = expected.columns.shape[0] * expected.columns.shape[1]
-    own = expected.columns.reshape(rows, -1)
-    weighted = np.matmul(inverse, expected.columns).reshape(rows, -1)
-    return float(rows + np.sum((own.T @ weighted) * expected.kernel))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -183,7 +183,7 @@ def test_level_of_chi_square(known):
         cross = np.linalg.inv(flat.T @ weighted)
         rest = noise - columns @ (cross @ (weighted.T @ noise.ravel()))
         sample = NoiseEstimate(scatter, freedom)
-        law = ResidualCovariance(sample, columns, -cross, fitted=True)
+        law = ResidualCovariance.of(sample, columns, np.linalg.cholesky(cross), fitted=True)
         test = chi_square(rest / np.sqrt(3), counts, law)
         assert test.freedom == pytest.approx(355)
         p_values.append(test.p_value)
@@ -192,7 +192,7 @@ def test_level_of_chi_square(known):
 
 def test_chi_square_of_the_fits_own_noise_is_refused():
     noise, columns = NoiseEstimate(np.eye(6), 30.0, "residuals"), np.zeros((9, 6, 1))
-    law = ResidualCovariance(noise, columns, -np.eye(1), fitted=True)
+    law = ResidualCovariance.of(noise, columns, np.eye(1), fitted=True)
     test = chi_square(np.ones((9, 6)), np.ones(9), law)
     assert test.refused
     assert np.isnan(test.p_value)
