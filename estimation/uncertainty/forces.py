@@ -111,20 +111,22 @@ def forces_along(
             key="identification.constants",
             allowed="constants of its terms, as the estimate has written them",
         )
-    still = np.zeros((len(state), state.shape[1] // 3))  # no rate of the acceleration counts
-    found = deviating_forces(
-        robot,
-        np.concatenate([state, still], axis=1),
-        time,
-        None,
-        robot.parameters,
-        [entries[name] for name in known.constants],
-    )
-    columns = np.concatenate([found.regressors, found.columns], axis=2)
+    regressors = columns = robot.regressor(*np.split(state, 3, axis=1))
+    if known.constants:
+        still = np.zeros((len(state), state.shape[1] // 3))  # no rate of the acceleration counts
+        found = deviating_forces(
+            robot,
+            np.concatenate([state, still], axis=1),
+            time,
+            None,
+            robot.parameters,
+            [entries[name] for name in known.constants],
+        )
+        columns = np.concatenate([found.regressors, found.columns], axis=2)
     random = np.array(known.covariance_random)
     total = random + np.array(known.covariance_systematic)
     return ForceUncertainty(
-        time, found.regressors @ robot.parameters, _std(columns, total), _std(columns, random)
+        time, regressors @ robot.parameters, _std(columns, total), _std(columns, random)
     )
 
 
