@@ -28,6 +28,7 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.kept import keep
 from estimation.data.measurement import Measurement
+from estimation.diagnostics.attribution import MOST_ALTERNATIVES, Effect
 from estimation.identification.estimate import estimate
 from estimation.identification.estimation import estimate_parameters
 from estimation.identification.result import EstimationResult
@@ -156,6 +157,8 @@ class Outcome:
     summary: str
     effects: list[tuple[str, int | None, str, bool]]
     """Kind, strut, parameter, and whether it is certain, of all effects, the first one first."""
+    alternatives: list[str]
+    """Kinds that the data do not distinguish from the first effect."""
     errors: dict[str, float]
     """Estimate less truth in half widths of the 95 % interval."""
     undetected: dict[str, float]
@@ -173,6 +176,11 @@ class Outcome:
     def named_right(self, kinds: frozenset[str]) -> bool:
         """Return whether the first effect is of the right kind."""
         return bool(self.effects) and self.effects[0][0] in kinds
+
+    def named_among(self, kinds: frozenset[str]) -> bool:
+        """Return whether it is the first effect, or one of few alternatives that are named."""
+        few = len(self.alternatives) <= MOST_ALTERNATIVES
+        return self.named_right(kinds) or (few and not kinds.isdisjoint(self.alternatives))
 
     def named_nothing(self) -> bool:
         """Return whether the recording is doubted without a cause, or for one that is unknown."""
@@ -220,6 +228,7 @@ def _judge(result: EstimationResult, truth: Mapping[str, float], seconds: float)
     return Outcome(
         accepted=verdict.status == "accepted",
         summary=verdict.summary,
+        alternatives=_alternatives(tests.effects),
         effects=drifts + [(e.kind, e.strut, e.parameter, e.certain) for e in tests.effects],
         errors={
             row.parameter: 2 * (row.value - truth[row.parameter]) / (row.ci_high - row.ci_low)
@@ -228,6 +237,13 @@ def _judge(result: EstimationResult, truth: Mapping[str, float], seconds: float)
         undetected={row.parameter: row.std_undetected / row.std for row in rows},
         seconds=seconds,
     )
+
+
+def _alternatives(effects: Sequence[Effect]) -> list[str]:
+    if not effects:
+        return []
+    kinds = dict.fromkeys(rival.kind for rival in effects[0].rivals)
+    return [kind for kind in kinds if kind != effects[0].kind]
 
 
 # --- recordings -----------------------------------------------------------------------------------
@@ -460,6 +476,7 @@ def _row(outcomes: Sequence[Outcome], kinds: frozenset[str]) -> Row:
         "widened: friction": _percent(x for each in accepted for x in each.covered(False, True)),
         "median widening": _widening(accepted),
         "right kind first": _percent(each.named_right(kinds) for each in outcomes),
+        "or an alternative": _percent(each.named_among(kinds) for each in outcomes),
         "not in the list": _percent(each.named_nothing() for each in outcomes),
         "wrong and sure": _percent(each.wrong_and_sure(kinds) for each in outcomes),
         "first causes": ", ".join(f"{name} {count}" for name, count in firsts.most_common(3)),

@@ -50,6 +50,8 @@ REMAINDER = 0.02
 """Share of the strongest effect's statistic below which another may be its remainder."""
 _MOST = 12
 """Largest number of effects: with more, the model needs a revision."""
+MOST_ALTERNATIVES = 3
+"""Largest number of kinds of rivals that the contradiction names."""
 _MOST_CAUSES = 3
 """Largest number of causes that are believed together; in several struts each counts once."""
 
@@ -336,14 +338,15 @@ def hypothesis_finding(attribution: Attribution, hypothesis: Hypothesis) -> Find
     if not attribution.first.families[hypothesis.kind].tested:
         return assumption.skip(hypothesis.reason_untested)
     if not effects:
-        p, value, std = 1.0, 0.0, 0.0
+        value, std = 0.0, 0.0
         if last.tested:
             fit = last.fits[last.best]
-            p = min(1.0, last.tested * np.exp(last.log_p[last.best]))
             value = hypothesis.scale * fit.values[0]
             std = hypothesis.scale * float(np.sqrt(fit.covariance[0, 0]))
         return assumption.holds(
-            hypothesis.absent.format(p=p, value=value, std=std), p, hypothesis.level
+            hypothesis.absent.format(p=last.best_p, value=value, std=std),
+            last.best_p,
+            hypothesis.level,
         )
     found = assumption.fails(
         "; ".join(_describe(hypothesis, effect) for effect in effects),
@@ -415,8 +418,18 @@ def _add_doubts(attribution: Attribution, effects: Sequence[Effect], found: Find
     return replace(
         found,
         sentence="; ".join((found.sentence, *alternatives)),
-        contradiction=f"{found.contradiction}, or a similar effect",
+        contradiction=f"{found.contradiction}, or {_name_rivals(effects, hypotheses)}",
     )
+
+
+def _name_rivals(effects: Sequence[Effect], hypotheses: Mapping[str, Family]) -> str:
+    """Name the kinds of the rivals, if they are few: ``there is a constant force instead``."""
+    kinds = dict.fromkeys(rival.kind for effect in effects for rival in effect.rivals)
+    others = [kind for kind in kinds if kind != effects[0].kind]
+    if not others or len(others) > MOST_ALTERNATIVES:
+        return "a similar effect"
+    nouns = [_complete_noun(hypotheses.get(kind, PERIODIC).noun) for kind in others]
+    return f"there is {' or '.join(nouns)} instead"
 
 
 def _name_effects(kind: str, places: Sequence[str], hypotheses: Mapping[str, Family]) -> str:

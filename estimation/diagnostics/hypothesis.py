@@ -46,6 +46,9 @@ from expdesign.runfolder import OpenNumber, OpenNumbers, described
 
 Label = tuple[str, int | None]
 """Parameter, or empty, and actuator (from 0; None: all of them)."""
+_ALIKE = 0.5
+"""Share of a family's level for an effect in all struts alike, where single struts are tested, too:
+parts of one type have an effect together, and one strut has a fault."""
 MODELLED = "the model has the term, or its columns explain the effect"
 """Reason why no candidate of a family can be tested."""
 
@@ -152,6 +155,8 @@ class HypothesisTest:
     """Fit of each candidate alone; of rank 0 if it cannot be tested."""
     log_p: Array
     """(n,), log p of each candidate; NaN if it cannot be tested."""
+    limits: Array
+    """(n,), largest log p of each candidate that is significant."""
 
     @property
     def tested(self) -> int:
@@ -161,12 +166,15 @@ class HypothesisTest:
     @property
     def best(self) -> int:
         """Index of the most significant candidate; -1 if none can be tested."""
-        return int(np.nanargmin(self.log_p)) if self.tested else -1
+        return int(np.nanargmin(self.log_p - self.limits)) if self.tested else -1
 
     @property
-    def limit(self) -> float:
-        """Largest log p of a significant candidate."""
-        return float(np.log(self.hypothesis.level / max(self.tested, 1)))
+    def best_p(self) -> float:
+        """Its p, corrected for the family; 1 if none can be tested."""
+        if not self.tested:
+            return 1.0
+        relative = self.log_p[self.best] - self.limits[self.best]
+        return min(1.0, self.hypothesis.level * float(np.exp(relative)))
 
     def places(self, candidate: int) -> Places:
         """Return the indices of a candidate's columns in the projection."""
@@ -181,9 +189,15 @@ def evaluate_hypothesis(
     fits = tuple(conditional.fit(hypothesis.columns_of(number) + first) for number in numbers)
     statistic = np.array([fit.statistic for fit in fits])
     rank = np.array([fit.rank for fit in fits], dtype=np.float64)
-    log_p, done = np.full(len(fits), np.nan), rank > 0
-    log_p[done] = log_tail(statistic[done], rank[done], conditional.freedom)
-    return HypothesisTest(hypothesis, first, fits, log_p)
+    log_p, tested = np.full(len(fits), np.nan), rank > 0
+    log_p[tested] = log_tail(statistic[tested], rank[tested], conditional.freedom)
+    shares = np.ones(len(fits))
+    alike = np.array([strut is None for _, strut in hypothesis.labels], dtype=bool)
+    for kind, share in ((tested & alike, _ALIKE), (tested & ~alike, 1 - _ALIKE)):
+        shares[kind] = share / max(int(np.count_nonzero(kind)), 1)
+    # Bonferroni's correction with weights: the levels of all tested candidates add to the family's.
+    limits = np.log(hypothesis.level * shares / (np.sum(shares[tested]) or 1.0))
+    return HypothesisTest(hypothesis, first, fits, log_p, limits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +243,8 @@ class HypothesisResult:
             values, std = fit.values, np.sqrt(np.diag(fit.covariance))
             if not fit.rank and not hypothesis.places:
                 values = std = np.full(1, np.nan)
-            far = noncentrality(test.limit, fit.rank, freedom) if fit.rank else np.nan
+            limit = float(test.limits[number])
+            far = noncentrality(limit, fit.rank, freedom) if fit.rank else np.nan
             rows.append(
                 CandidateResult(
                     parameter=name,
@@ -241,7 +256,7 @@ class HypothesisResult:
                     values=values,
                     std=std,
                     detectable=np.sqrt(far) * std,
-                    failed=bool(test.log_p[number] < test.limit),
+                    failed=bool(test.log_p[number] < limit),
                 )
             )
         return cls(hypothesis.kind, POWER, hypothesis.level, test.tested, tuple(rows))

@@ -202,7 +202,7 @@ def candidate_reliability(
                 CandidateReliability(
                     hypothesis,
                     number,
-                    family.limit,
+                    float(family.limits[number]),
                     tests.conditional.select(places),
                     response[places],
                     unknowns,

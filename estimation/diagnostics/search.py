@@ -93,6 +93,11 @@ class EffectCandidate:
         count = 1 + self.parameter.count(",")
         return are_possible(values[:count], covariance[:count, :count], *self.hypothesis.bounds)
 
+    @property
+    def fits_constant(self) -> bool:
+        """Whether its constant is an unknown besides its size."""
+        return self.hypothesis.at is not None and not self.hypothesis.sized_by_constant
+
     def log_p(self, fit: EffectFit, freedom: float) -> float:
         """Return the logarithm of p of its fit, uncorrected for its family."""
         if not fit.rank:
@@ -160,10 +165,11 @@ class Search:
     ) -> Iterator[tuple[EffectCandidate, float]]:
         """Yield every candidate of the families with its log p."""
         for test in tests.values():
-            hypothesis, limit = test.hypothesis, test.limit
+            hypothesis = test.hypothesis
             for number in np.flatnonzero(np.isfinite(test.log_p)).tolist():
                 name, strut = hypothesis.labels[number]
                 places, constant = test.places(number), hypothesis.constant_of(number)
+                limit = float(test.limits[number])
                 item = EffectCandidate(hypothesis, strut, name, places, limit, constant)
                 yield item, float(test.log_p[number])
 
@@ -240,13 +246,23 @@ class Search:
 
         A delay and a low pass differ less than their secants at the few constants of the tests.
         """
+        sized = [
+            (item, log_p)
+            for item, log_p in candidates
+            if item.hypothesis.sized_by_constant and log_p < item.limit
+        ]
+        refined = self._refine_best(sized, known)
+        return [one for one in refined if one.constant > one.hypothesis.bounds[0]] or refined
+
+    def _refine_best(
+        self, candidates: Sequence[tuple[EffectCandidate, float]], known: Sequence[EffectCandidate]
+    ) -> list[EffectCandidate]:
+        """Return the best candidate of each family with its best-fitting constant."""
         best: dict[str, tuple[EffectCandidate, float]] = {}
         for item, log_p in candidates:
-            sized = item.hypothesis.sized_by_constant and log_p < item.limit
-            if sized and log_p < best.get(item.kind, (item, 1.0))[1]:
+            if log_p < best.get(item.kind, (item, 1.0))[1]:
                 best[item.kind] = item, log_p
-        refined = [self._refine_constant(item, known) for item, _ in best.values()]
-        return [one for one in refined if one.constant > one.hypothesis.bounds[0]] or refined
+        return [self._refine_constant(item, known) for item, _ in best.values()]
 
     def drop_insignificant(self, found: list[EffectCandidate]) -> list[EffectCandidate]:
         """Drop, one by one, effects that are not significant given all others."""
@@ -295,28 +311,30 @@ class Search:
     def find_rivals(
         self, item: EffectCandidate, others: Sequence[EffectCandidate]
     ) -> tuple[tuple[EffectCandidate, float], ...]:
-        """Return the candidates that explain an effect about as well, each with its log p."""
+        """Return the candidates that explain an effect about as well, each with its log p.
+
+        A candidate with an unknown constant is excluded if it is with the constant that fits best.
+        """
         conditional = self.projection.conditional_on(column_indices(others))
-        own = self._fit(item, conditional)
         found: dict[tuple[str, int | None, str], tuple[EffectCandidate, float]] = {}
-        tests = self._family_tests(conditional)
-        candidates = list(self._candidates(tests))
+        taken = {item.name, *(other.name for other in others)}
+        candidates = list(self._candidates(self._family_tests(conditional)))
         if item.scan is None and item.strut is not None:
             solution = self._solution_given(others)
             scan = self._scan(solution, item.strut)
-            if np.isfinite(scan.best_pitch) and scan.log_p < np.log(RIVAL_LEVEL):
+            if np.isfinite(scan.best_pitch):
                 candidates.append((self._periodic_candidate(solution, scan), scan.log_p))
-                conditional = self.projection.conditional_on(column_indices(others))
+        candidates = [
+            one for one in candidates if one[0].name not in taken and one[1] < np.log(RIVAL_LEVEL)
+        ]
+        refined = self._refine_best([one for one in candidates if one[0].fits_constant], others)
         if item.hypothesis.sized_by_constant:
-            secants = self._size_secants(candidates, others)
-            sized = {one.name for one in secants}
-            candidates = [one for one in candidates if one[0].name not in sized]
-            candidates += [(one, self.conditional_log_p(one, others)) for one in secants]
-            conditional = self.projection.conditional_on(column_indices(others))
-        taken = {item.name, *(other.name for other in others)}
+            refined += self._size_secants(candidates, others)
+        names = {one.name for one in refined}
+        candidates = [one for one in candidates if one[0].name not in names]
+        candidates += [(one, self.conditional_log_p(one, others)) for one in refined]
+        conditional = self.projection.conditional_on(column_indices(others))
         for rival, log_p in candidates:
-            if rival.name in taken or log_p > np.log(RIVAL_LEVEL):
-                continue
             if rival.hypothesis.contains == item.kind and rival.strut == item.strut:
                 continue
             fit = self._fit(rival, conditional)
@@ -326,20 +344,20 @@ class Search:
             together = _is_same_lag(item, rival) and self._is_significant(
                 rival, self.fit_given(rival, [*others, item])
             )
-            # Given a rival, the item's statistic is at least the difference of both statistics.
-            least = own.statistic - fit.statistic
-            if not together and self._is_significant(
-                item, EffectFit(max(least, 0.0), own.rank, own.values, own.covariance)
-            ):
-                continue
             given = [*others, rival]
             if not together and self._is_significant(item, self.fit_given(item, given)):
                 continue
             if rival.name not in found or log_p < found[rival.name][1]:
                 found[rival.name] = (rival, log_p)
-        return tuple(sorted(found.values(), key=lambda one: one[1] - one[0].limit))
+        kinds = {(rival.kind, rival.strut) for rival, _ in found.values()}
+        rivals = [
+            one for one in found.values() if (one[0].hypothesis.contains, one[0].strut) not in kinds
+        ]
+        return tuple(sorted(rivals, key=lambda one: one[1] - one[0].limit))
 
     def _is_significant(self, item: EffectCandidate, fit: EffectFit) -> bool:
+        if fit.rank and item.fits_constant:
+            fit = replace(fit, rank=fit.rank + 1)
         return item.log_p(fit, self.projection.freedom) < np.log(RIVAL_LEVEL)
 
     def _fit(self, item: EffectCandidate, conditional: ConditionalScores) -> EffectFit:

@@ -39,7 +39,7 @@ def test_level_of_every_family(twin, held_out):
         drawn = twin.draw(rng, "held out" if held_out else "gm")
         system = twin.system(drawn, known=known, held_out=held_out)
         for test in _tests(system, families):
-            rejected[test.hypothesis.kind] += bool(np.any(test.log_p < test.limit))
+            rejected[test.hypothesis.kind] += bool(np.any(test.log_p < test.limits))
             ratio = [fit.statistic / fit.rank if fit.rank else np.nan for fit in test.fits]
             ratios[test.hypothesis.kind].append(ratio)
     for kind, count in rejected.items():
@@ -47,6 +47,20 @@ def test_level_of_every_family(twin, held_out):
         means = np.nanmean(ratios[kind], axis=0)
         # Of one degree of freedom at least: the mean of the draws is within 5 standard errors.
         np.testing.assert_allclose(means, 1, atol=5 * np.sqrt(2 / DRAWS), err_msg=kind)
+
+
+def test_levels_of_all_candidates_add_to_that_of_the_family(twin):
+    drawn = twin.draw(np.random.default_rng(1), "gm")
+    tests = _tests(twin.system(drawn), twin.families(held_out=False))
+    shares = {}
+    for test in tests:
+        tested, levels = np.isfinite(test.log_p), np.exp(test.limits)
+        assert np.sum(levels[tested]) == pytest.approx(test.hypothesis.level)
+        alike = [strut is None for _, strut in test.hypothesis.labels]
+        shares[test.hypothesis.kind] = np.sum(levels[tested & alike]) / test.hypothesis.level
+    assert [shares["drive_inertia"], shares["stribeck"]] == pytest.approx([0.5, 0.5])
+    assert shares["gain"] == 0
+    assert shares["gravity"] == pytest.approx(1)
 
 
 def test_candidates(twin):

@@ -372,6 +372,10 @@ def test_what_cannot_be_told_apart_is_named_together(lab):
     for rival in effect.rivals:
         what = f"{rival.parameter} joint" if rival.kind == "joint" else "actuator"
         assert f"{what} {rival.strut + 1}" in failed.sentence
+    assert (
+        "the zero of a length is wrong (in actuator 2), or there is a displaced joint instead"
+        in (result.verdict.summary)
+    )
 
 
 def test_rivals_leave_nothing_of_an_effect(lab, palida):

@@ -65,7 +65,7 @@ def test_its_own_test_finds_it_in_four_of_five_recordings(twin, kind):
         )
         projection = twin.system(disturbed).solution.project(family.columns)
         test = evaluate_hypothesis(projection.conditional_on(()), family, 0)
-        hits += bool(test.log_p[0] < test.limit)
+        hits += bool(test.log_p[0] < test.limits[0])
     assert hits / count == pytest.approx(0.8, abs=0.15)
 
 
