@@ -18,7 +18,7 @@ from estimation.measurement_model.motion import NormalEquations
 from estimation.selection import Evidence, Judge, select, splits
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.robot import load_robot_description
-from expdesign.configuration.run import add_terms
+from expdesign.configuration.run import add_terms, robot_yaml
 from expdesign.mechanism.term import parameters_of
 from expdesign.robot import robot_from
 from tests.estimation import constants
@@ -167,7 +167,7 @@ def test_what_is_there_is_found_and_estimated(by):
     row = next(row for row in result.rows if row.parameter == "m_drive")
     assert abs(row.value - 3.0) < 5 * row.std
     assert row.std < 1
-    assert any("m_drive" in text for text in [identified_robot(result, None)])
+    assert "m_drive" in robot_yaml(identified_robot(result, None))
     (step,) = (row for row in selection.steps if row.chosen)
     assert (step.direction, step.term, step.worth > 0) == ("add", "drive_inertia", True)
     assert any("held out" in text for text in result.warnings) == (by == "holdout")

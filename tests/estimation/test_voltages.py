@@ -13,6 +13,7 @@ from estimation.twin.machine import machine_within_tolerances
 from estimation.twin.truth import write_measurement
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
+from expdesign.configuration.run import robot_yaml
 from expdesign.experiment.judging import noise_evaluator
 from expdesign.experiment.plan import Prediction
 from expdesign.robot.deviation import MOTOR_EFFECTS
@@ -67,7 +68,9 @@ def test_a_log_of_duty_cycles_gives_the_estimate_of_its_forces(tmp_path):
             assert values[row.parameter] == pytest.approx(row.value, abs=share * row.std)
         assert {values[f"e{j}"] for j in range(1, 7)} == {DAMPING}
     # The file of the robot is that of the machine without its amplifiers.
-    file.with_name("identified.yaml").write_text(identified_robot(found, None), encoding="utf-8")
+    file.with_name("identified.yaml").write_text(
+        robot_yaml(identified_robot(found, None)), encoding="utf-8"
+    )
     again = load_robot_description(file.with_name("identified.yaml"))
     assert again.parameter_names == ROBOT.parameter_names
     assert again.description.identification.parameters == ROBOT.parameter_names

@@ -14,6 +14,7 @@ from estimation.identification.estimate import identified_robot
 from estimation.identification.periods import UnsuitableDataError
 from expdesign.cli.app import app
 from expdesign.configuration import InputError, load_run, resolved_yaml
+from expdesign.configuration.run import robot_yaml
 from expdesign.experiment.judging import earlier_recordings, noise_evaluator
 from expdesign.experiment.next_motion import (
     NextResult,
@@ -63,7 +64,7 @@ def prior(systematic, tmp_path_factory):
     """The robot of an estimate from the first motion."""
     found = estimate_parameters(_run(systematic), measured(FIRST, 1), FIRST)
     path = tmp_path_factory.mktemp(systematic) / "identified-robot.yaml"
-    path.write_text(identified_robot(found, None), encoding="utf-8")
+    path.write_text(robot_yaml(identified_robot(found, None)), encoding="utf-8")
     return str(path)
 
 
@@ -147,7 +148,7 @@ def replace_goals(config, goal="20 %"):
 def test_several_priors_add(systematic, prior, tmp_path):
     found = estimate_parameters(_run(systematic), measured(FIRST, 2), FIRST)
     again = tmp_path / "again.yaml"
-    again.write_text(identified_robot(found, None), encoding="utf-8")
+    again.write_text(robot_yaml(identified_robot(found, None)), encoding="utf-8")
     config = _run(systematic, prior=[prior, str(again)])
     first, second, both = (
         earlier_recordings(each, ROBOT.parameter_names, ())
@@ -168,7 +169,7 @@ def test_an_estimate_with_a_prior_contains_its_recordings(systematic, prior, tmp
     data = measured(SECOND, 2)
     found = estimate_parameters(run(section, robot=prior), data, SECOND)
     after, apart = tmp_path / "after.yaml", tmp_path / "apart.yaml"
-    after.write_text(identified_robot(found, None), encoding="utf-8")
+    after.write_text(robot_yaml(identified_robot(found, None)), encoding="utf-8")
     known = load_robot(after).description.description.identification
     assert known.recordings == (data.fingerprint, measured(FIRST, 1).fingerprint)
     for priors in ([prior, str(after)], [str(after), prior]):
@@ -178,7 +179,7 @@ def test_an_estimate_with_a_prior_contains_its_recordings(systematic, prior, tmp
         estimate_parameters(run(section, robot=prior), [data, measured(FIRST, 1)], [SECOND, FIRST])
     # Its own estimate begins with the tolerances that the first one left.
     own = _run(systematic, robot=prior, tolerances=None)
-    apart.write_text(identified_robot(estimate_parameters(own, data, SECOND), None))
+    apart.write_text(robot_yaml(identified_robot(estimate_parameters(own, data, SECOND), None)))
     first, second = (
         _predicted(_run(systematic, prior=priors, robot=prior, tolerances=None), SECOND).std
         for priors in ([prior, str(apart)], [str(apart), prior])
