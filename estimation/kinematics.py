@@ -425,6 +425,15 @@ def signs_along(robot: Robot, sampled: Samples, spread: Array) -> Array:
     """Return the expected signs along a sampled motion."""
     kernel = sliding_rate_kernel(robot.terms)
     (rates,) = kernel(sampled.state(), robot.geometry_vector)
+    return _mean_signs(rates, spread)
+
+
+def signs_about(robot: Robot, sampled: Samples, std: float) -> Array:
+    """Return the expected signs along a motion if the times have a standard deviation, s."""
+    return _mean_signs(*_rates_and_spread(robot, sampled, std))
+
+
+def _mean_signs(rates: Array, spread: Array) -> Array:
     doubtful = spread > 0
     scaled = np.divide(rates, np.sqrt(2) * spread, out=np.zeros_like(rates), where=doubtful)
     return np.where(doubtful, erf(scaled), np.sign(rates))
@@ -459,6 +468,11 @@ def rate_spread(
 
 def add_time_spread(robot: Robot, sampled: Samples, spread: Array, std: float) -> Array:
     """Add the share of a standard deviation of the time, s, to those of the rates, (S, s)."""
-    _, slope = sliding_kernel(robot.terms)(sampled.state(), robot.geometry_vector)
-    change = slope @ sampled.state()[:, COORDINATES:, None]
-    return np.hypot(spread, std * change[:, :, 0])
+    return np.hypot(spread, _rates_and_spread(robot, sampled, std)[1])
+
+
+def _rates_and_spread(robot: Robot, sampled: Samples, std: float) -> tuple[Array, Array]:
+    """Return the rates, (S, s), and their standard deviations by that of the time, s."""
+    state = sampled.state()
+    rates, slope = sliding_kernel(robot.terms)(state, robot.geometry_vector)
+    return rates, np.abs(std * (slope @ state[:, COORDINATES:, None])[:, :, 0])

@@ -177,7 +177,6 @@ def check_channels(
     as_given, noise_share = model.explained_variation(given)
     of_found = model.explained_variation(found)[0]
     none = max(as_given, of_found) < max(_LITTLE * (1 - noise_share), _LEAST_EXPLAINED)
-    late_error = delay_error(model, found) if found.delay else 0.0
     gain_errors = model.gain_errors(found)
     filtered = any(section.channel_filters("Q"))
     ambiguous = found.low_pass is not None or (found.delay < 0 and filtered)
@@ -187,6 +186,7 @@ def check_channels(
     elif found.channel_lag is not None:
         lag = describe_channel_lag(found.channel_lag, section)
     found = replace(found, delay=0.0) if ambiguous else found
+    late_error = delay_error(model, found) if found.delay else 0.0
     faults = tuple(describe_faults(found, late_error, gain_errors))
     margin = found.next_best - found.excess
     sure = left < _LEFT and margin > max(_CLEAR * left, model.least_decrease)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import cache, lru_cache
 from itertools import product
 from operator import itemgetter
 
@@ -17,7 +17,7 @@ from scipy.optimize import minimize, minimize_scalar
 
 from constraints.arrays import Array
 from estimation.channels.model import OF_LAG, ChannelModel
-from estimation.channels.wiring import Candidate, ChannelLag
+from estimation.channels.wiring import Candidate, ChannelLag, Wiring
 from estimation.measurement_model import HarmonicMotion
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.robot import Robot
@@ -31,11 +31,8 @@ _SMALL_PART = 0.1
 """Decrease by a low pass in addition to a delay, relative to the difference between either alone,
 up to which the lag is a delay: the low pass is less than a quarter of it."""
 _DIGITS = 0.01
-_SPACINGS = (1 / 8, 1 / 64)
-"""Of delays near the best one, in steps of the recording."""
-_NEIGHBOURS = np.arange(-8, 9)
-_SIGMAS = 5
-_RANGE = np.geomspace(0.02, 5.0, 32)
+_SIGMAS = 3.0
+_RANGE = np.geomspace(0.01, 5.0, 14)
 """Distances from a delay, in steps of the recording."""
 _STEPS_OF_CHANNEL = (0, 1, 3, 7, 15)
 """Lags of a single channel, in steps of the recording: ends of ranges that are searched."""
@@ -53,41 +50,35 @@ def delays_to_try(step: float, period: float) -> list[float]:
 
 
 class LagSearch:
-    """Search for the lag of the forces with the wiring of a candidate.
+    """Search for the lag of the forces with given channels."""
 
-    Parameters
-    ----------
-    present : Candidate
-        Its own lag does not matter.
-    """
+    def __init__(self, model: ChannelModel, lengths: Wiring, forces: Wiring) -> None:
+        motion = model.motion(lengths)
 
-    def __init__(self, model: ChannelModel, present: Candidate) -> None:
-        self.model, self.present = model, present
+        @cache
+        def excess(delay: float, low_pass: float = 0.0) -> float:
+            return model.fit(motion, delay, low_pass).excess(forces)
 
-    @cached_property
-    def _motion(self) -> HarmonicMotion:
-        return self.model.motion(self.present.lengths)
+        self.model = model
+        self.excess = excess
+        """Unexplained share of the forces behind a delay and a low pass, s."""
 
-    def excess(self, delay: float, low_pass: float = 0.0) -> float:
-        """Return the unexplained share of the forces behind a delay and a low pass, s."""
-        return self.model.fit(self._motion, delay, low_pass).excess(self.present.forces)
-
-    def best(self) -> Candidate:
-        """Return the candidate with the best delay, or delay and low pass, if it is a fault."""
+    def best(self, present: Candidate) -> Candidate:
+        """Return a candidate with the best delay, or delay and low pass, if it is a fault."""
         step, period = self.model.step, self.model.period
         delays = [(self.excess(late), late) for late in delays_to_try(step, period)]
         if not delays:  # a period of ten samples has no room for any
-            return self.present
-        later = self.delay_near(min(delays)[1])
+            return present
+        later = self.delay_near(present, min(delays)[1])
         if abs(later.delay) < self.model.least_delay:
-            return self.present
-        if self.present.excess - later.excess <= self.model.least(later):
+            return present
+        if present.excess - later.excess <= self.model.least(later):
             return later
         # A delay alone may leave most of a low pass.
-        return self.split(self._best_near(later))
+        return self.split(later)
 
-    def delay_near(self, delay: float) -> Candidate:
-        """Return the candidate with the best delay within a step of a first one."""
+    def delay_near(self, present: Candidate, delay: float) -> Candidate:
+        """Return a candidate with the best delay within a step of a first one."""
         step = self.model.step
         found = minimize_scalar(
             self.excess,
@@ -95,18 +86,8 @@ class LagSearch:
             method="bounded",
             options={"xatol": _DIGITS * step},
         )
-        return self._behind(float(found.x), float(found.fun))
-
-    def _best_near(self, found: Candidate) -> Candidate:
-        """Return the best delay within a step of a first one, whatever local minima there are.
-
-        Every sample that passes a jump of dry friction may make one.
-        """
-        for spacing in _SPACINGS:
-            delays = found.delay + self.model.step * spacing * _NEIGHBOURS
-            tried = [self._behind(late, self.excess(late)) for late in delays.tolist()]
-            found = min([found, *tried], key=lambda one: one.excess)
-        return found
+        late = float(found.x)
+        return replace(present, delay=late, low_pass=None, excess=float(found.fun))
 
     def split(self, found: Candidate) -> Candidate:
         """Return a delay as it is, or as a delay and a low pass if it is not clearly one."""
@@ -138,27 +119,24 @@ class LagSearch:
         if found.excess < min(float(slow.fun) - clear, float(both.fun) + little):
             return found
         total, share = both.x.tolist()
-        return self._behind(total * (1 - share), float(both.fun), total * share)
-
-    def _behind(self, delay: float, excess: float, low_pass: float | None = None) -> Candidate:
-        return replace(self.present, delay=delay, low_pass=low_pass, excess=excess)
+        constant = total * share
+        return replace(found, delay=total - constant, low_pass=constant, excess=float(both.fun))
 
 
 def delay_error(model: ChannelModel, found: Candidate) -> float:
-    """Return the standard deviation of the delay, s; unexplained forces count as noise.
+    """Return the standard deviation of the delay, s, with all parameters free.
 
-    It is the largest by the ranges of one to five standard deviations. They differ where a
-    sample passes a jump of dry friction: near the best delay such jumps fit the noise, and
-    between two of them nothing changes. All parameters are free.
+    It is a third of the distance, on the farther side, at which the sum of squares is larger by
+    nine variances: far from the best delay, jumps of dry friction make it no parabola.
     """
-    search = LagSearch(model, found)
-    sides = np.array([-1.0, 1.0])[:, None] * _RANGE * model.step
-    found_at = np.vectorize(lambda late: search.excess(found.delay + late, found.low_pass or 0.0))
-    sigmas = np.arange(1.0, _SIGMAS + 1)
-    beyond = (found_at(sides) - found.excess) / model.variance_of_excess(found)
-    inside = beyond[:, :, None] < sigmas**2
-    farthest = np.max(np.where(inside, _RANGE[:, None], 0.0), axis=(0, 1))
-    return float(model.step * np.max(farthest / sigmas))
+    excess, distances = LagSearch(model, found.lengths, found.forces).excess, _RANGE * model.step
+    farthest = 0.0
+    for side in (-1.0, 1.0):
+        delays = (found.delay + side * distances).tolist()
+        rise = np.array([excess(late, found.low_pass or 0.0) for late in delays]) - found.excess
+        sigmas = np.sqrt(np.maximum(np.maximum.accumulate(rise), 0.0) / model.variance_of(found))
+        farthest = max(farthest, float(np.interp(_SIGMAS, sigmas, distances)))
+    return farthest / _SIGMAS
 
 
 def with_channel_lag(model: ChannelModel, present: Candidate) -> Candidate:

@@ -24,7 +24,9 @@ from estimation.channels.wiring import (
     Wiring,
     round_factor,
 )
+from estimation.kinematics import signs_about
 from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model.prediction import held_regressor_kernel
 from estimation.processing import NoiseModel, PeriodicRecording
 from estimation.processing.periodic_recording import Channels
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
@@ -103,6 +105,7 @@ class ChannelModel:
     ) -> None:
         self.robot, self.omega, self.step = robot, recording.omega, recording.step
         self.zeros, self.least_zeros, self.least_delay = zeros, least_zeros, least_delay
+        self._filtered = recording.forces.response is not None
         self.length_times, lengths, _ = _thin_rows(recording.lengths, _LENGTH_ROWS)
         self.readings = lengths - zeros
         found = self._find_unit()
@@ -182,10 +185,22 @@ class ChannelModel:
         return HarmonicMotion((self._to_series @ poses).T, self.omega)
 
     def columns(self, motion: HarmonicMotion, delay: float = 0.0, low_pass: float = 0.0) -> Array:
-        """Return A, (R, 6, m), for forces behind a delay and a low pass, s."""
-        nodes, weights = (_LOW_PASS) if low_pass else ([0.0], [1.0])
-        states = (motion.at(self.force_times - delay - low_pass * x).state() for x in nodes)
-        columns = [self.robot.regressor(*np.split(state, 3, axis=1)) for state in states]
+        """Return A, (R, 6, m), for forces behind a delay and a low pass, s.
+
+        Behind a lag the jumps of dry friction are spread over a step. Sharp ones would give the sum
+        of squares a minimum wherever a sample passes a jump, and the deepest fits the noise; behind
+        a filter samples do not show such jumps either.
+        """
+        nodes, weights = _LOW_PASS if low_pass else ([0.0], [1.0])
+        sampled = [motion.at(self.force_times - delay - low_pass * x) for x in nodes]
+        if delay or low_pass or self._filtered:
+            kernel, std = held_regressor_kernel(self.robot.terms), self.step / float(np.sqrt(12))
+            signs = (signs_about(self.robot, one, std) for one in sampled)
+            pairs = zip(sampled, signs, strict=True)
+            columns = [kernel(one.state(), own, self.robot.machine)[0] for one, own in pairs]
+        else:
+            states = (np.split(one.state(), 3, axis=1) for one in sampled)
+            columns = [self.robot.regressor(*state) for state in states]
         return self.whiten(np.tensordot(weights, columns, axes=1))
 
     def whiten(self, rows: Array) -> Array:
@@ -277,8 +292,8 @@ class ChannelModel:
         """Return the part of an unexplained share that is not noise."""
         return max(excess - SPREADS * self.spread, 0.0)
 
-    def variance_of_excess(self, found: Candidate) -> float:
-        """Return the mean change of the unexplained share by one parameter that fits noise.
+    def variance_of(self, found: Candidate) -> float:
+        """Return the variance of one degree of freedom in the unexplained share.
 
         Unexplained forces count as noise.
         """

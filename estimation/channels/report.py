@@ -80,7 +80,7 @@ def describe_faults(
         yield (
             "delay",
             f"the {late} lag behind the {early} by {1e3 * abs(found.delay):.3g} ms (± "
-            f"{1e3 * late_error:.1g} ms: state that as `tolerances.delay`)",
+            f"{1e3 * late_error:.2g} ms: state that as `tolerances.delay`)",
         )
 
 

@@ -47,6 +47,7 @@ class ChannelSearch:
 
     def __init__(self, model: ChannelModel) -> None:
         self.model = model
+        self._known: dict[tuple[Wiring, Wiring], LagSearch] = {}
 
     def search(self, design: FourierTrajectory | None) -> Candidate:
         """Return the wiring that explains most, found by single changes.
@@ -84,7 +85,7 @@ class ChannelSearch:
             found = min(tried, key=lambda one: one.excess)
             others = (one.excess for one in tried if self.model.differs(one, found))
             found = replace(found, next_best=min(found.next_best, *others, np.inf))
-            late = LagSearch(self.model, best).best(), with_channel_lag(self.model, best)
+            late = self._lags(best).best(best), with_channel_lag(self.model, best)
             refined = *late, *self._zeros(best, 1 - _LEAST_SHARE)
             moved = min(refined, key=lambda one: one.excess)
             if moved.excess < found.excess and self._is_no_imitation(best, moved):
@@ -98,7 +99,7 @@ class ChannelSearch:
         for _ in range(_ROUNDS):
             if best.channel_lag is not None:
                 break
-            tried = [LagSearch(self.model, best).best(), with_channel_lag(self.model, best)]
+            tried = [self._lags(best).best(best), with_channel_lag(self.model, best)]
             if best.excess > self.model.least_decrease:
                 tried += self._zeros(best, _MOSTLY)
             found, *rest = sorted(tried, key=lambda one: one.excess)
@@ -110,7 +111,14 @@ class ChannelSearch:
             # The lag of one channel is a part of that of all, and no other wiring.
             next_ones = [one.excess for one in rest if one.channel_lag is None]
             best = replace(found, next_best=min([found.next_best, *next_ones]))
-        return self._simplest(LagSearch(self.model, best).split(best))
+        return self._simplest(self._lags(best).split(best))
+
+    def _lags(self, present: Candidate) -> LagSearch:
+        """Return the search for the lag with the channels of a candidate, begun once."""
+        channels = present.lengths, present.forces
+        if channels not in self._known:
+            self._known[channels] = LagSearch(self.model, *channels)
+        return self._known[channels]
 
     def _simplest(self, found: Candidate) -> Candidate:
         """Return the wiring with the fewest channels in another order among equal ones.
@@ -142,7 +150,7 @@ class ChannelSearch:
         columns = columns_of_lags(self.model, found, self.model.motion(lengths))(found.channel_lag)
         fit = self.model.fit_columns(columns)
         found = replace(found, excess=fit.excess(found.forces))
-        return LagSearch(self.model, found).delay_near(found.delay) if found.delay else found
+        return self._lags(found).delay_near(found, found.delay) if found.delay else found
 
     def _is_no_imitation(self, present: Candidate, found: Candidate) -> bool:
         """Return whether a delay or a zero explains more than any effect in one strut.

@@ -479,7 +479,8 @@ class CandidateEffects:
         """Return the columns of delays or low passes of six forces and of six lengths.
 
         They are secants, N and m per second. `groups` are those of the deviations, such as
-        `CHANNEL_DELAYS`.
+        `CHANNEL_DELAYS`. Along the motion of a late length, dry friction of its strut changes its
+        sign too late; the rest of the forces follows the free motion.
         """
         forces, lengths = (
             cells.mean((late - on_time) / seconds)[:, :, None] * np.eye(ACTUATORS)
@@ -490,8 +491,9 @@ class CandidateEffects:
                 strict=True,
             )
         )
-        none = np.zeros((*self.part.forces.shape, ACTUATORS))
-        return Signature.concatenate([self.of_forces(forces), Signature(none, lengths)])
+        early = self._forces(self._fitted, -seconds) - self._forces_in_time
+        jumps = self.part.cells.mean(early / seconds)[:, :, None] * np.eye(ACTUATORS)
+        return Signature.concatenate([self.of_forces(forces), Signature(jumps, lengths)])
 
     @cached_property
     def _measured_in_time(self) -> tuple[Array, Array]:
@@ -511,10 +513,14 @@ class CandidateEffects:
     def _forces_in_time(self) -> Array:
         return self._forces(self._fitted)
 
-    def _forces(self, motion: Motion) -> Array:
-        """Return the predicted forces at the samples along a motion, (T, 6)."""
+    def _forces(self, motion: Motion, late_signs: float = 0.0) -> Array:
+        """Return the predicted forces at the samples along a motion, (T, 6).
+
+        The signs of dry friction may be those of another time, late by so many seconds.
+        """
         known, times = self.experiment.along_motion(motion), self.experiment.times
-        return known.regressors(self.robot, times) @ self.values
+        signs = known.signs(self.robot, times - late_signs)
+        return regressors_along(self.robot, motion, times, signs) @ self.values
 
     @cached_property
     def _deviations(self) -> tuple[Signature, tuple[str, ...]]:
