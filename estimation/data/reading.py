@@ -464,7 +464,6 @@ def _factor(
 _UNITS = ("m", "mm", "cm", "in", "ft", "µm", "dm", "km")
 """Units that are tried if the lengths are implausible, the most likely first."""
 _ZERO_AT_HOME = "; it would fit if the channel read zero at home: data.offset: home"
-_PLAIN_ZERO = "; a plain number under data.offset is in m"
 _NEAR_HOME = 0.25
 """Largest distance of a motion's middle from home, as a share of the stroke."""
 _MARGIN = 0.1
@@ -524,13 +523,18 @@ def refuse_implausible_lengths(
     outside = (lengths < allowed.lower) | (lengths > allowed.upper)
     stated = section.length_offsets != "home" and any(section.length_offsets)
     far = stated & ((middle < allowed.lower - stroke) | (middle > allowed.upper + stroke))
-    problems = []
+    readings = _Readings.of(middle, table, section, robot)
+    unit, problems = readings.unit_of_zeros(allowed), []
     for strut in np.flatnonzero(~allowed.fits(middle)).tolist():
         message = f"around {middle[strut]:.4g} m long, out of this robot's range"
         row = int(np.argmax(outside[:, strut]))
-        hint = _hint(allowed, middle, strut, table, section, robot)
-        if explained and (hint.partition(":")[0] != _PLAIN_ZERO if hint else not far[strut]):
-            continue
+        if unit:
+            zero = f"{readings.offsets[strut]:.4g}"
+            hint = f"; data.offset is {zero} m, and the length would fit with {zero} {unit}"
+        else:
+            hint = _hint(allowed, readings, strut)
+            if explained and (hint or not far[strut]):
+                continue
         problems.append(allowed.problem(table, strut, row, message + hint))
     if problems:
         raise InputError(problems)
@@ -544,26 +548,61 @@ def refuse_implausible_lengths(
     refuse(problems, table.file, "lengths are like that", len(places))
 
 
-def _hint(
-    allowed: LengthRange,
-    middle: Array,
-    strut: int,
-    table: RawTable,
-    section: DataSection,
-    robot: ResolvedRobot,
-) -> str:
+@dataclass(frozen=True)
+class _Readings:
+    """Median readings of the six lengths and the zeros that were added to them."""
+
+    home: Array
+    """(6,), lengths at home, m."""
+    signs: Array
+    offsets: Array
+    """(6,), m."""
+    positions: Array
+    """(6,), readings in m, with their signs."""
+    in_file: Array
+    """(6,), the same numbers as in the file."""
+    stated: bool
+    """Whether `data.offset` has numbers."""
+
+    @classmethod
+    def of(
+        cls, middle: Array, table: RawTable, section: DataSection, robot: ResolvedRobot
+    ) -> _Readings:
+        """Return the readings of lengths, (6,), m."""
+        home, at_home = robot.struts_at(robot.home).lengths, section.length_offsets == "home"
+        signs = np.array(section.channel_signs("q"))
+        offsets = home if at_home else np.array(section.length_offsets)
+        own = section.actuator_units(robot)
+        factors = [
+            _factor(_in_file(c, section), c, table, section, own)[0] for c in LENGTH_CHANNELS
+        ]
+        positions = signs * (middle - offsets)
+        stated = not at_home and bool(np.any(offsets))
+        return cls(home, signs, offsets, positions, positions / factors, stated)
+
+    def fitting_units(self, allowed: LengthRange) -> dict[str, NDArray[np.bool_]]:
+        """Return for each unit which lengths fit if the file is in it."""
+        return {
+            unit: allowed.fits(self.offsets + self.signs * self.in_file * LENGTH.parse(f"1 {unit}"))
+            for unit in _UNITS
+        }
+
+    def unit_of_zeros(self, allowed: LengthRange) -> str:
+        """Return the unit of the stated numbers in which all lengths fit, or nothing."""
+        if not self.stated or any(map(np.all, self.fitting_units(allowed).values())):
+            return ""
+        lengths = {
+            unit: self.offsets * LENGTH.parse(f"1 {unit}") + self.signs * self.positions
+            for unit in _UNITS
+        }
+        fitting = (unit for unit, found in lengths.items() if np.all(allowed.fits(found)))
+        return next(fitting, "")
+
+
+def _hint(allowed: LengthRange, readings: _Readings, strut: int) -> str:
     """Suggest a unit, sign or offset with which a strut's median length is plausible."""
-    home = robot.struts_at(robot.home).lengths
-    signs = np.array(section.channel_signs("q"))
-    offsets = home if section.length_offsets == "home" else np.array(section.length_offsets)
-    positions = signs * (middle - offsets)
-    own = section.actuator_units(robot)
-    factors = [_factor(_in_file(c, section), c, table, section, own)[0] for c in LENGTH_CHANNELS]
-    in_file = positions / factors
-    for unit in _UNITS if section.length_offsets != "home" and np.any(offsets) else ():
-        if allowed.fits(offsets * LENGTH.parse(f"1 {unit}") + signs * positions)[strut]:
-            return f"{_PLAIN_ZERO}: it would fit with offsets in {unit}"
-    units = {u: allowed.fits(offsets + signs * in_file * LENGTH.parse(f"1 {u}")) for u in _UNITS}
+    home, signs, offsets = readings.home, readings.signs, readings.offsets
+    positions, units = readings.positions, readings.fitting_units(allowed)
     from_home = not np.any(offsets)
     stroke = allowed.upper - allowed.lower
     if (

@@ -272,11 +272,22 @@ def test_zeros_without_a_unit_are_taken_for_metres_and_said(csv, rec, refused, r
     zeros = np.median(rec.q, axis=0).round(3)
     rec.q -= zeros
     problems = refused(csv(), offset=(1e3 * zeros).tolist())
-    words = "a plain number under data.offset is in m: it would fit with offsets in mm"
-    assert all(words in one.message for one in problems)
+    for one, zero in zip(problems, zeros.tolist(), strict=True):
+        number = f"{1e3 * zero:.4g}"
+        assert (
+            f"data.offset is {number} m, and the length would fit with {number} mm" in one.message
+        )
     assert read(csv(), offset=[f"{1e3 * zero} mm" for zero in zeros]).lengths == pytest.approx(
         rec.q + zeros
     )
+
+
+def test_right_zeros_are_not_blamed_for_the_unit_of_the_file(csv, rec, refused):
+    zeros = np.median(rec.q, axis=0).round(3)
+    # One length at its zero fits with a zero in any unit.
+    rec.q = 1e3 * (rec.q - zeros + 1e-3)
+    problems = refused(csv(), offset=zeros.tolist())
+    assert "it would fit if the file were in mm: data.units: {q: mm}" in problems[0].message
 
 
 def test_the_hint_counts_from_the_unit_that_was_stated(csv, rec, refused):

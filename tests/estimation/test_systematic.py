@@ -377,7 +377,7 @@ def _drawn_irregular(number):
     return draw_machine(_irregular()[0], np.random.default_rng([1, number])).configuration
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=4)
 def _estimate_irregular(number):
     """Return the estimates from the recording of a machine that was drawn."""
     config, motion = _irregular()
@@ -385,7 +385,7 @@ def _estimate_irregular(number):
     return estimate_parameters(config, data, motion)
 
 
-@pytest.mark.parametrize("runs", [2, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("runs", [4, pytest.param(40, marks=pytest.mark.slow)])
 def test_noise_of_harmonics_that_tolerances_may_raise_does_not_bias_gauss_markov(runs):
     """40 harmonics for ML: with all of them GM covered 62 % of the truths."""
     truth, inside = robot_from(_irregular()[0].robot).parameters, []
