@@ -463,6 +463,8 @@ def _factor(
 
 _UNITS = ("m", "mm", "cm", "in", "ft", "µm", "dm", "km")
 """Units that are tried if the lengths are implausible, the most likely first."""
+_ZERO_UNITS = ("mm", "cm", "in")
+"""Units of zeros that may have been written as plain numbers."""
 _ZERO_AT_HOME = "; it would fit if the channel read zero at home: data.offset: home"
 _NEAR_HOME = 0.25
 """Largest distance of a motion's middle from home, as a share of the stroke."""
@@ -593,7 +595,7 @@ class _Readings:
             return ""
         lengths = {
             unit: self.offsets * LENGTH.parse(f"1 {unit}") + self.signs * self.positions
-            for unit in _UNITS
+            for unit in _ZERO_UNITS
         }
         fitting = (unit for unit, found in lengths.items() if np.all(allowed.fits(found)))
         return next(fitting, "")

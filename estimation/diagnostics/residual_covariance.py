@@ -34,10 +34,11 @@ class ResidualCovariance:
     """First-order covariance of the residuals of all channels."""
 
     noise: NoiseEstimate
-    effects: Array
-    """(6, R, r), effects of independent errors g of variance 1 on the rows of each channel."""
+    spread: Array
+    """(6, R, r), U times a root of Cov(g): what independent errors of variance 1 add to the rows of
+    each channel."""
     fitted: bool
-    """Whether the unknowns were fitted to these residuals: g then reduces their variance."""
+    """Whether the unknowns were fitted to these residuals: that reduces their variance."""
 
     @classmethod
     def of(
@@ -53,14 +54,9 @@ class ResidualCovariance:
     def _sign(self) -> float:
         return -1.0 if self.fitted else 1.0
 
-    @property
-    def size(self) -> int:
-        """Number of residuals of all channels."""
-        return self.effects.shape[0] * self.effects.shape[1]
-
     def weights(self, channel: int) -> Array:
         """Return the eigenvalues of B = Cov(e_j) / σ_j², (R,): variances of independent parts."""
-        own = self.effects[channel]
+        own = self.spread[channel]
         gram = own @ own.T if own.shape[0] < own.shape[1] else own.T @ own
         variance = float(self.noise.covariance[channel, channel])
         added = self._sign * np.linalg.eigvalsh(gram) / variance
@@ -68,14 +64,15 @@ class ResidualCovariance:
 
     def lagged_covariance(self, channel: int, lag: int) -> float:
         """Return Σ_t Cov(e_t, e_{t + lag}) / σ_j² of one channel, without the noise itself."""
-        own = self.effects[channel]
+        own = self.spread[channel]
         product = self._sign * float(own[: len(own) - lag].ravel() @ own[lag:].ravel())
         return product / float(self.noise.covariance[channel, channel])
 
     def expected_sum(self, inverse: Array) -> float:
         """Return E Σ eᵀ Σ⁻¹ e, given Σ⁻¹ of the noise, (6, 6): 6 R less the fitted freedom."""
-        rows = self.effects.reshape(len(self.effects), -1)
-        return self.size + self._sign * float(np.sum(inverse * (rows @ rows.T)))
+        rows = self.spread.reshape(len(self.spread), -1)
+        size = self.spread.shape[0] * self.spread.shape[1]
+        return size + self._sign * float(np.sum(inverse * (rows @ rows.T)))
 
 
 def joint_residual_covariance(

@@ -70,7 +70,7 @@ class Activity:
         self._what, self._done, self._total, self._first = "", 0, 0, 0
         self._began = self._since = time.monotonic()
         self._spoke = self._began - HEARTBEAT + _SILENT
-        self._shown = ("", 0)
+        self._shown: tuple[str, int] | None = None
         self._spinner = Spinner("dots")
         self._live: Live | None = None
         self._lock = Lock()

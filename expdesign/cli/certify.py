@@ -11,7 +11,7 @@ import numpy as np
 from estimation.uncertainty.forces import (
     by_actuator,
     force_limit_in_words,
-    force_uncertainty,
+    forces_along,
     worst_force,
 )
 from expdesign.cli.output import results, say, write_json
@@ -222,7 +222,8 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
     else:
         with progress_prefix("lead-in and lead-out"):
             limits = check_motion(work.configuration, motion).limits
-        found.append(CertifiedPart("motion", title, PathCertificate(limits)))
+        remarks = _force_remarks(robot, motion, motion.duration, trajectory.period)
+        found.append(CertifiedPart("motion", title, PathCertificate(limits, remarks=remarks)))
     planned = load_run(work.folder / RUN_FILE).robot
     moved = any(
         not np.array_equal(getattr(planned, name), getattr(robot.description, name))
@@ -306,14 +307,29 @@ def refuse_part_of_folder(path: Path) -> None:
 
 def _design(robot: Robot, trajectory: FourierTrajectory) -> CertifiedPart:
     limits = recheck(LimitModel.of(robot), trajectory).limits
-    known = robot.description.description.identification
-    remarks: tuple[str, ...] = ()
-    if known is not None:
-        rows = by_actuator(force_uncertainty(robot, known, trajectory), robot)
-        if (row := worst_force(rows)) is not None:
-            remarks = (f"force by the identified parameters, {force_limit_in_words(row)}",)
+    remarks = _force_remarks(robot, trajectory, trajectory.period, trajectory.period)
     proof = PathCertificate(limits, remarks=remarks)
     return CertifiedPart("design", "one period of the design", proof)
+
+
+_INSTANTS = 400
+"""Of one period."""
+
+
+def _force_remarks(
+    robot: Robot, motion: FourierTrajectory | ExecutableMotion, duration: float, period: float
+) -> tuple[str, ...]:
+    """Compare forces and their uncertainty with the limit, at instants: no proof."""
+    known = robot.description.description.identification
+    if known is None:
+        return ()
+    times = np.arange(0.0, duration, period / _INSTANTS)
+    states = np.concatenate(motion.sample(times), axis=1)
+    row = worst_force(by_actuator(forces_along(robot, known, times, states), robot))
+    if row is None:
+        return ()
+    words = f"force by the identified parameters, {force_limit_in_words(row)}"
+    return (f"{words}, at {len(times)} instants",)
 
 
 def _executable(

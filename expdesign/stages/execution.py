@@ -23,7 +23,7 @@ from expdesign.configuration import (
     resolved_yaml,
 )
 from expdesign.configuration.design import Effort
-from expdesign.configuration.motions import motion_runs
+from expdesign.configuration.motions import motion_folders, motion_runs
 from expdesign.evaluation.machine_code import evaluator
 from expdesign.interruption import clean_up, interruptible
 from expdesign.library import run_files
@@ -412,7 +412,8 @@ def keep_search(configuration: RunConfiguration, folder: Path) -> RunConfigurati
     `run.yaml`, and the design would seem to be made from another one.
     """
     file = folder / RUN_FILE
-    if configuration.run.sweep or not (file.is_file() and (folder / TrajectoryFile.FILE).is_file()):
+    designs = (each / TrajectoryFile.FILE for each in motion_folders(configuration, folder))
+    if configuration.run.sweep or not (file.is_file() and any(map(Path.is_file, designs))):
         return configuration
     made = load_run(file).run.design
     search = {key: getattr(made, key) for key in ("effort", *Effort._fields, "seed")}

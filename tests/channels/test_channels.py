@@ -313,16 +313,16 @@ def test_a_lag_behind_a_stated_filter_is_certain():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("constant", "first"), [(1e-2, 5000), (0.0, 3000)])
-def test_certain_delays_are_wrong_by_their_stated_errors(constant, first):
+@pytest.mark.parametrize("constant", [1e-2, 0.0])
+def test_certain_delays_are_wrong_by_their_stated_errors(constant):
     """With and without a stated filter: 64 recordings each.
 
-    Behind the filter, seeds 3000 to 3063 gave an rms of 1.19 and a largest one of 3.28.
+    Behind the filter the rms is 1.19, the largest one 3.28; seeds 5000 to 5063 gave 1.09 and 2.86.
     """
     delay, off = 1e-2, []
     section = {"filter": {"Q": {"low_pass": 1 / (2 * np.pi * constant)}}} if constant else {}
     case = run(data=section)
-    for seed in range(first, first + 64):
+    for seed in range(3000, 3064):
         data = behind_a_low_pass(recording(seed, 0.3), delay, constant)
         data = replace(data, force_sensors=SensorResponse.of(case.run.data, "Q"))
         folded = fold_measurement(case, data, MOTION)

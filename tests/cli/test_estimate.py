@@ -354,7 +354,9 @@ def test_a_wrong_scale_of_all_lengths_is_found_by_the_design(command, folder, fa
     assert json.loads(command("check", *given).output)["channels"]["faults"] == []
 
 
-@pytest.mark.parametrize(("offset", "words"), [(676, "offsets in mm"), (-9, "out of this robot")])
+@pytest.mark.parametrize(
+    ("offset", "words"), [(676, "would fit with 676 mm"), (-9, "out of this robot")]
+)
 def test_zeros_far_out_of_range_are_refused_before_anything_is_computed(
     command, folder, monkeypatch, offset, words
 ):
