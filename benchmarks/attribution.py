@@ -326,7 +326,9 @@ def power(case: Case) -> float:
     kind = next(iter(case.right))[0]
     test = tests.families[kind]
     degrees = {"joint": 3, "gravity": 2, "cable": 2}.get(kind, 1)
-    critical = float(stats.chi2.isf(np.exp(test.limit), degrees))
+    struts = {strut for _, strut, _ in case.right}
+    own = [strut in struts for _, strut in test.hypothesis.labels]
+    critical = float(stats.chi2.isf(np.exp(np.max(test.limits[own])), degrees))
     return _exceeding(_noncentrality(tests, lengths, forces), degrees, critical)
 
 

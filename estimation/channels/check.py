@@ -27,6 +27,7 @@ from estimation.channels.report import (
     shortened,
 )
 from estimation.channels.search import ChannelSearch
+from estimation.channels.wiring import Wiring
 from estimation.diagnostics.finding import Assumption, Finding, join_words
 from estimation.processing import NoiseModel, PeriodicRecording
 from expdesign.configuration import InputError, Problem
@@ -169,7 +170,8 @@ def check_channels(
         recording = replace(recording, lengths=lengths)
         model = ChannelModel(robot, recording, noise, harmonics, zeros, *least)
     given = model.candidate_as_measured()
-    found = ChannelSearch(model).search(design)
+    search = ChannelSearch(model, assumed=from_home)
+    found = search.search(design)
     left, gain = model.left(found.excess), given.excess - found.excess
     explained = gain / (gain + left) if gain > model.least(found) else 0.0
     if from_home:  # lengths from zero explain nothing: no pose has them
@@ -187,7 +189,10 @@ def check_channels(
         lag = describe_channel_lag(found.channel_lag, section)
     found = replace(found, delay=0.0) if ambiguous else found
     late_error = delay_error(model, found) if found.delay else 0.0
-    faults = tuple(describe_faults(found, late_error, gain_errors))
+    # Without stated zeros none of them is wrong.
+    named = replace(found.lengths, offsets=np.zeros(ACTUATORS)) if from_home else found.lengths
+    described = replace(found, lengths=named)
+    faults = tuple(describe_faults(described, late_error, gain_errors))
     margin = found.next_best - found.excess
     sure = left < _LEFT and margin > max(_CLEAR * left, model.least_decrease)
     # Channels that explain mean forces alone, behind a low pass of all variation, are not certain.
@@ -202,9 +207,19 @@ def check_channels(
     has_units = has_units or not section.units.keys().isdisjoint({"q", *LENGTH_CHANNELS})
     keys = dict(changed_keys(section, found, zeros, has_units))
     if from_home:
-        faults = ("q", "the lengths are measured from home"), *faults
+        # Only a design shows where the readings begin.
+        sure = sure and design is not None and not search.undecided
+        faults = ("q", _unstated_zeros(found.lengths, by_design=design is not None)), *faults
         keys = {"offset": "home"} | keys
     return ChannelCheck(faults, keys, sure, *shown, lag=lag)
+
+
+def _unstated_zeros(lengths: Wiring, *, by_design: bool) -> str:
+    if np.any(lengths.offsets):
+        return "no key states the zeros of the lengths, and the executed design has them elsewhere"
+    if by_design:
+        return "the lengths are measured from home"
+    return "the lengths are measured from home, or from zeros that only an executed design shows"
 
 
 def channel_findings(checks: Sequence[ChannelCheck]) -> tuple[Finding, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -43,10 +43,15 @@ _EACH = np.eye(ACTUATORS)
 
 
 class ChannelSearch:
-    """Search for the wiring that explains most, by a model of the recording."""
+    """Search for the wiring that explains most, by a model of the recording.
 
-    def __init__(self, model: ChannelModel) -> None:
-        self.model = model
+    Zeros of the lengths that are only `assumed` give way to those of the executed design.
+    """
+
+    def __init__(self, model: ChannelModel, *, assumed: bool = False) -> None:
+        self.model, self.assumed = model, assumed
+        self.undecided = False
+        """Whether the forces do not show which zeros of all lengths are right."""
         self._known: dict[tuple[Wiring, Wiring], LagSearch] = {}
 
     def search(self, design: FourierTrajectory | None) -> Candidate:
@@ -67,13 +72,7 @@ class ChannelSearch:
             plainer.append(replace(lengths, gains=self.model.unit * np.sign(lengths.gains)))
         tried = [best, *(self.model.candidate(one, 0.0) for one in plainer)]
         best = min(tried, key=lambda each: each.excess)
-        if np.count_nonzero(best.lengths.offsets) > MOST_SHIFTED:
-            # Zeros of all lengths, or a machine that stands elsewhere: the forces must be clear.
-            given = [each for each in tried if not np.any(each.lengths.offsets)]
-            plain = min(given, key=lambda each: each.excess)
-            least = max(self.model.least_decrease, (MUCH_BETTER - 1) * self.model.left(best.excess))
-            best = replace(best, next_best=min(best.next_best, plain.excess))
-            best = best if plain.excess - best.excess > least else plain
+        best = self._choose_zeros(best, tried)
         for _ in range(_ROUNDS):
             if self.model.left(best.excess) < _SMALL or best.channel_lag is not None:
                 break
@@ -112,6 +111,25 @@ class ChannelSearch:
             next_ones = [one.excess for one in rest if one.channel_lag is None]
             best = replace(found, next_best=min([found.next_best, *next_ones]))
         return self._simplest(self._lags(best).split(best))
+
+    def _choose_zeros(self, best: Candidate, tried: Sequence[Candidate]) -> Candidate:
+        """Choose between given zeros and other ones of all lengths, by the executed design.
+
+        The machine may also stand elsewhere than planned: the forces must be clear.
+        """
+        moved = [one for one in tried if np.count_nonzero(one.lengths.offsets) > MOST_SHIFTED]
+        if not moved or not (self.assumed or np.any(best.lengths.offsets)):
+            return best
+        shifted = min(moved, key=lambda each: each.excess)
+        given = [each for each in tried if not np.any(each.lengths.offsets)]
+        plain = min(given, key=lambda each: each.excess)
+        left = self.model.left(shifted.excess)
+        least = max(self.model.least_decrease, (MUCH_BETTER - 1) * left)
+        gain = plain.excess - shifted.excess
+        self.undecided = abs(gain) <= least
+        if gain > (-least if self.assumed else least):
+            return replace(shifted, next_best=min(shifted.next_best, plain.excess))
+        return plain
 
     def _lags(self, present: Candidate) -> LagSearch:
         """Return the search for the lag with the channels of a candidate, begun once."""

@@ -78,7 +78,8 @@ def tolerance_findings(estimate: ParameterEstimate) -> tuple[Finding, ...]:
         names = [entries[k].name for k in far[:_MOST_NAMED]]
         where = join_words(names if len(far) <= _MOST_NAMED else [*names, "others"])
         numbers = "; ".join(_describe(entries[k], z[k]) for k in far[:_MOST_NAMED])
-        return (_WITHIN.fails(f"estimated deviations: {numbers}", p, level, where),)
+        advice = _delay_advice([entries[k] for k in far])
+        return (_WITHIN.fails(f"estimated deviations: {numbers}", p, level, where, advice),)
     least = 2 * scipy.stats.norm.sf(_NAMED)
     doubtful = [group for group, (_, own_p) in each.items() if own_p < least]
     where = join_words(f"`tolerances.{group}`" for group in doubtful or places)
@@ -134,11 +135,25 @@ def _exceeding(scores: ConditionalScores) -> list[int]:
     return sorted(named, key=lambda k: -size[k])
 
 
+_SHOWN = {"1": (100.0, "%"), "m": (1e3, "mm"), "s": (1e3, "ms")}
+"""Factor and unit in which deviations are displayed."""
+
+
 def _describe(one: EstimatedDeviation, z: float) -> str:
     """Return an estimate with its tolerance in words."""
-    scale, unit = (100.0, "%") if one.unit == "1" else (1.0, one.unit)
+    scale, unit = _SHOWN.get(one.unit, (1.0, one.unit))
     value, std, tolerance = (scale * number for number in (one.value, one.std, one.tolerance))
     return (
         f"{one.name} {value:+.3g} ± {std:.1g} {unit}, tolerance {tolerance:.3g} {unit} "
         f"(z = {z:+.1f})"
     )
+
+
+def _delay_advice(far: Sequence[EstimatedDeviation]) -> str:
+    """Return advice for a delay beyond its tolerance; empty if there is none."""
+    late = [one.value for one in far if one.group == "delay"]
+    if not late:
+        return ""
+    channel = "forces" if late[0] > 0 else "lengths"
+    stated = f"`data.delay: {{{channel}: {1e3 * abs(late[0]):.3g} ms}}`"
+    return f"{stated}, in addition to one that is stated; or {_WITHIN.advice}"

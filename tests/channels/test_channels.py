@@ -194,6 +194,21 @@ def test_lengths_that_are_counted_from_home(unit, sign):
     assert found.sure
     signs = {"sign": {"Q": SECOND}} if sign is SECOND else {}
     assert found.keys == {"offset": "home"} | signs | units
+    without = check_channels(ROBOT, case.run.data, *folded, MOTION.harmonics)
+    assert not without.sure, "only a design shows where the readings begin"
+    assert without.keys["offset"] == "home"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_zeros_that_no_key_states_are_those_of_the_design(seed):
+    """A counter that reads zero 6 to 9 cm away from home is not one that begins there."""
+    zeros = ROBOT.inverse_kinematics(ROBOT.home) - np.array([62, 70, 77, 83, 73, 70]) * 1e-3
+    data = recording(seed, 1.0)
+    data = replace(data, lengths=data.lengths - zeros)
+    folded = fold_measurement(run(), data, MOTION)
+    found = check_channels(ROBOT, run().run.data, *folded, MOTION.harmonics, MOTION)
+    stated = [float(text.removesuffix(" mm")) for text in found.keys["offset"]["q"]]
+    np.testing.assert_allclose(stated, 1e3 * zeros, atol=0.1)
 
 
 @pytest.mark.parametrize(
