@@ -1,4 +1,4 @@
-"""Sentences on faults and lags of the channels, and the keys of `data` that mend them."""
+"""Sentences on faults and lags of the channels, and the keys of `data` that correct them."""
 
 from __future__ import annotations
 

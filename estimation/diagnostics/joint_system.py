@@ -159,7 +159,7 @@ class JointSystem:
         return replace(self, columns=self.columns[:, unknowns], equations=equations)
 
     def restrict_to_lengths(self, first: int, precision: Array) -> JointSystem:
-        """Return the system of the lengths alone, in place of the forces, from an unknown on.
+        """Return the system of the lengths without the forces, from an unknown on.
 
         `precision`, 1/std² of each unknown, is its prior information.
         """

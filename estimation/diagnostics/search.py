@@ -95,7 +95,7 @@ class EffectCandidate:
 
     @property
     def fits_constant(self) -> bool:
-        """Whether its constant is an unknown besides its size."""
+        """Whether its constant is unknown, in addition to its size."""
         return self.hypothesis.at is not None and not self.hypothesis.sized_by_constant
 
     def log_p(self, fit: EffectFit, freedom: float) -> float:
