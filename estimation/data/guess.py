@@ -401,7 +401,8 @@ def _check_lengths(
         return
     allowed, conversion = LengthRange.of(robot), ActuatorUnits(robot)
     if stated and conversion.missing(stated):
-        return  # `_check_scales` asks for it
+        guess.facts.append(_NO_OFFSET)
+        return  # `_check_scales` asks for the scale
     home = robot.struts_at(robot.home).lengths
     scales = {
         unit: np.array(conversion.si_values(unit))

@@ -134,6 +134,15 @@ def test_what_the_file_does_not_determine_is_a_question(header, tmp_path):
         assert any(wanted in question for question in questions), questions
 
 
+def test_counts_of_unknown_size_leave_the_zero_open(tmp_path, rec, palida):
+    columns = {f"q{j}": f"q{j} [inc]" for j in range(1, 7)}
+    path = tmp_path / "log.csv"
+    rec.frame.rename(columns=columns).to_csv(path, index=False)
+    guess = guess_data(path, replace(palida, drive=Drive(screw=Screw(lead=LEAD))))
+    assert any("counts_per_revolution" in question for question in guess.questions)
+    assert any(fact.startswith("no offset: ") for fact in guess.facts)
+
+
 @pytest.mark.parametrize(
     ("before", "after", "wanted"),
     [
