@@ -59,6 +59,17 @@ def unit_html(unit: str) -> Markup:
     )
 
 
+def code_html(text: str) -> Markup:
+    """Return text as HTML, with keys and commands between backticks as code."""
+    pieces = text.split("`")
+    if len(pieces) % 2 == 0:  # a single backtick
+        return escape(text)
+    return Markup().join(
+        Markup("<code>{}</code>").format(piece) if position % 2 else escape(piece)
+        for position, piece in enumerate(pieces)
+    )
+
+
 @cache
 def _environment() -> Environment:
     environment = Environment(
@@ -71,6 +82,7 @@ def _environment() -> Environment:
     )
     environment.filters["symbol"] = symbol_html
     environment.filters["unit"] = unit_html
+    environment.filters["code"] = code_html
     environment.globals["cell_text"] = cell_text
     environment.globals["sort_key"] = sort_key
     return environment

@@ -12,17 +12,25 @@ class Page(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
+        if tag == "code":
+            self.texts.append("`")
+            return
         self.tags.append(tag)
+        self.texts.append(" ")
         for name, value in attributes:
             if name in LOADING:
                 self.links.append((tag, value))
             if name == "id":
                 self.ids.append(value)
 
+    def handle_endtag(self, tag):
+        self.texts.append("`" if tag == "code" else " ")
+
     def handle_data(self, data):
         if self.tags and self.tags[-1] not in ("style", "script"):
-            self.texts.append(data.strip())
+            self.texts.append(data)
 
     @property
     def text(self):
-        return " ".join(text for text in self.texts if text)
+        """With code between backticks."""
+        return " ".join("".join(self.texts).split())

@@ -7,7 +7,7 @@ import pytest
 
 from results.comparison.comparison import csv_table
 from results.notation import duration, readable
-from results.render.markup import escape_latex, latex_table, symbol_html, unit_html
+from results.render.markup import code_html, escape_latex, latex_table, symbol_html, unit_html
 from results.views.view import ReportTable, TableColumn, cell_text, sort_key
 
 
@@ -109,6 +109,11 @@ def test_what_cells_are_sorted_by():
 )
 def test_symbols(name, html):
     assert str(symbol_html(name)) == html
+
+
+def test_keys_between_backticks_are_code_and_escaped():
+    assert str(code_html("state `a: <b>` & go")) == "state <code>a: &lt;b&gt;</code> &amp; go"
+    assert str(code_html("a single ` stays <")) == "a single ` stays &lt;"
 
 
 def test_units():
