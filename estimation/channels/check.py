@@ -207,19 +207,21 @@ def check_channels(
     has_units = has_units or not section.units.keys().isdisjoint({"q", *LENGTH_CHANNELS})
     keys = dict(changed_keys(section, found, zeros, has_units))
     if from_home:
-        # Only a design shows where the readings begin.
-        sure = sure and design is not None and not search.undecided
-        faults = ("q", _unstated_zeros(found.lengths, by_design=design is not None)), *faults
+        # Only a design that was executed shows where the readings begin.
+        sure = sure and not search.undecided
+        faults = ("q", _unstated_zeros(found.lengths, undecided=search.undecided)), *faults
         keys = {"offset": "home"} | keys
     return ChannelCheck(faults, keys, sure, *shown, lag=lag)
 
 
-def _unstated_zeros(lengths: Wiring, *, by_design: bool) -> str:
+def _unstated_zeros(lengths: Wiring, *, undecided: bool) -> str:
     if np.any(lengths.offsets):
         return "no key states the zeros of the lengths, and the executed design has them elsewhere"
-    if by_design:
-        return "the lengths are measured from home"
-    return "the lengths are measured from home, or from zeros that only an executed design shows"
+    if undecided:
+        return (
+            "the lengths are measured from home, or from zeros that only an executed design shows"
+        )
+    return "the lengths are measured from home"
 
 
 def channel_findings(checks: Sequence[ChannelCheck]) -> tuple[Finding, ...]:

@@ -50,8 +50,8 @@ class ChannelSearch:
 
     def __init__(self, model: ChannelModel, *, assumed: bool = False) -> None:
         self.model, self.assumed = model, assumed
-        self.undecided = False
-        """Whether the forces do not show which zeros of all lengths are right."""
+        self.undecided = True
+        """Whether neither design nor forces show which zeros of the lengths are right."""
         self._known: dict[tuple[Wiring, Wiring], LagSearch] = {}
 
     def search(self, design: FourierTrajectory | None) -> Candidate:
@@ -61,6 +61,7 @@ class ChannelSearch:
         are tried first, then the zero of a length and the value of the delay.
         """
         known = None if design is None else self.model.wiring_of_design(design)
+        self.undecided = known is None
         measured = Wiring.as_measured()
         measured = replace(measured, gains=self.model.unit * measured.gains)
         best = self.model.candidate(known or measured, 0.0)
@@ -117,7 +118,8 @@ class ChannelSearch:
 
         The machine may also stand elsewhere than planned: the forces must be clear.
         """
-        moved = [one for one in tried if np.count_nonzero(one.lengths.offsets) > MOST_SHIFTED]
+        most = 0 if self.assumed else MOST_SHIFTED
+        moved = [one for one in tried if np.count_nonzero(one.lengths.offsets) > most]
         if not moved or not (self.assumed or np.any(best.lengths.offsets)):
             return best
         shifted = min(moved, key=lambda each: each.excess)

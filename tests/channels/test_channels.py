@@ -194,9 +194,11 @@ def test_lengths_that_are_counted_from_home(unit, sign):
     assert found.sure
     signs = {"sign": {"Q": SECOND}} if sign is SECOND else {}
     assert found.keys == {"offset": "home"} | signs | units
-    without = check_channels(ROBOT, case.run.data, *folded, MOTION.harmonics)
-    assert not without.sure, "only a design shows where the readings begin"
-    assert without.keys["offset"] == "home"
+    other = replace(MOTION, mu=MOTION.mu[::-1].copy())
+    for design in (None, other):
+        without = check_channels(ROBOT, case.run.data, *folded, MOTION.harmonics, design)
+        assert not without.sure, "only the executed design shows where the readings begin"
+        assert without.keys["offset"] == "home"
 
 
 @pytest.mark.parametrize("seed", range(3))
