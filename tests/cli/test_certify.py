@@ -175,8 +175,10 @@ def test_the_motions_of_a_folder_are_judged_for_the_identified_robot(expdesign, 
             for part in (found, before)
         )
         assert force == pytest.approx(1.05 * expected, rel=1e-5), "forces are linear in all of them"
-    (remark,) = parts[0]["remarks"]
-    assert "limit -230 N, kept, also with 2 σ" in remark
+    for part, instants in zip(parts[:2], (400, 401), strict=True):
+        (remark,) = part["remarks"]
+        assert "limit -230 N, kept, also with 2 σ" in remark
+        assert int(remark.split(" at ")[1].split()[0]) >= instants
 
 
 def test_an_identified_robot_that_breaks_a_limit_exits_with_1(expdesign, made, tmp_path):

@@ -495,6 +495,9 @@ def test_one_deviation_far_beyond_its_tolerance_is_named(joint):
     assert finding.failed
     assert finding.serious
     assert finding.contradiction == "a deviation of the machine exceeds its tolerance (delay)"
+    late = f"{1e3 * values[names.index('delay')]:.3g} ms"
+    assert f"delay +{late.removesuffix(' ms')} ±" in finding.sentence
+    assert f"`data.delay: {{forces: {late}}}`" in finding.advice
     assert "z = +5.0" in finding.sentence
     (finding,) = tolerance_findings(_with_theta(joint, 0.4 * values))
     assert not finding.failed
