@@ -277,7 +277,7 @@ def _details(folder: RunFolder, result: EstimateFile) -> tuple[Fact, ...]:
         alone = f"{first.harmonics} in the lengths alone" if together > first.harmonics else ""
         facts.append(Fact("harmonics of the motion", str(together), alone))
     if (row := worst_force(result.forces)) is not None:
-        note = f"{-row.likely_excess:.3g} N left with {LIKELY:g} σ, actuator {row.actuator}"
+        note = f"{-row.likely_excess:.3g} N left with {LIKELY:g} σ, strut {row.actuator}"
         if row.likely_excess > 0:
             note = f"{force_limit_in_words(row)}; {JUDGE} judges the motion from rest to rest"
         kept = "exceeded" if row.excess > 0 else "kept" if row.likely_excess <= 0 else "just kept"
