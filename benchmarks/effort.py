@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.memory import largest_memory
+from benchmarks.totals import HELD
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.configuration.design import EFFORTS
 
@@ -37,7 +38,9 @@ def rows(section: str, repetitions: int | None = None) -> Iterator[dict[str, Any
     best = BEST_KNOWN if effort == section else _OTHERS_KNOWN.get(section)
     for seed in range(repetitions or SECTIONS[section]):
         with tempfile.TemporaryDirectory() as place:
-            run = load_run("palida" if robot == "palida" else {"name": robot, "robot": robot})
+            known = {"known": HELD.get(robot, [])}
+            other = {"name": robot, "robot": robot, "design": known}
+            run = load_run("palida" if robot == "palida" else other)
             if section in {"n3", "n8"}:
                 run = run.with_section("trajectory", harmonics=int(section[1:]))
             file = Path(place) / "effort.yaml"

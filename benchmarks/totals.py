@@ -92,7 +92,7 @@ _TERMS = {
     "quadratic_friction": 1.0,
     "asymmetric_friction": 0.5,
 }
-_HELD = {"rubin": [f"p{number}" for number in range(1, 9)]}
+HELD = {"rubin": [f"p{number}" for number in range(1, 9)]}
 """Parameters that a motion of the robot does not excite: known to design and estimate."""
 _PERIODS = 12
 """Of one, two and three motions together."""
@@ -287,7 +287,7 @@ def summary(table: pd.DataFrame) -> str:
 
 
 def _run(robot: str, search: dict[str, Any], systematic: str, **more: Any) -> RunConfiguration:
-    held = _HELD.get(robot, [])
+    held = HELD.get(robot, [])
     return load_run(
         {
             "name": f"totals-{robot}",
@@ -336,7 +336,7 @@ def _achieved(
     errors: dict[str, list[Array]] = {}
     robot = robot_from(fewer.robot)
     draws = _exact_draws(robot, count)
-    free = [name not in _HELD.get(robot_name, ()) for name in robot.parameter_names]
+    free = [name not in HELD.get(robot_name, ()) for name in robot.parameter_names]
     for number in range(count):
         estimates = _estimates(fewer, motions, number, plain=plain, draws=draws[number])
         for name, found in estimates.items():

@@ -202,12 +202,13 @@ def measure(
     found = []
     for number in numbers:
         key = [asdict(recording), effect, size, number]
-        kept = keep("unknowns", key, _outcome, recording, effect, size, number)
+        kept = keep("unknowns", key, outcome_of, recording, effect, size, number)
         found.append(Outcome(**kept))
     return found
 
 
-def _outcome(recording: Recording, effect: str, size: float, number: int) -> Outcome:
+def outcome_of(recording: Recording, effect: str, size: float, number: int) -> Outcome:
+    """Return the outcome of a recording with an effect of a size, SI."""
     truth = draw_truth(read_machine(recording.robot), np.random.default_rng([1, number]))
     effects = {effect: size} if effect else {}
     data = _record(recording, truth, effects, np.random.default_rng([2, number]))

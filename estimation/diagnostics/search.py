@@ -203,7 +203,12 @@ class Search:
         if -float(best.fun) <= least:
             return item
         constant = float(start * np.exp(best.x))
-        return replace(item, places=self._append(at(label, constant)), constant=constant)
+        refined = replace(item, places=self._append(at(label, constant)), constant=constant)
+        # Among few samples a secant may contain no jump of dry friction at the size of its effect.
+        lost = by_constant and self.conditional_log_p(refined, known) > item.limit
+        if lost and self.conditional_log_p(item, known) < item.limit:
+            return replace(item, constant=start)
+        return refined
 
     def _append(self, new: Signature) -> Places:
         """Append columns to the projection; return their indices."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
+from benchmarks.unknowns import CASES, CLEAN, outcome_of
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.finding import Status
@@ -146,3 +147,11 @@ def test_a_listed_effect_that_explains_everything_is_certain():
     assert len(result.verdict.failed) > 1
     (cause,) = result.verdict.causes
     assert "cogging" in cause.sentence
+
+
+@pytest.mark.parametrize("number", [1, 6])
+def test_forces_behind_a_fast_filter_are_late(number):
+    """A tenth of a step: among 300 samples hardly a jump of dry friction is later by it."""
+    outcome = outcome_of(CLEAN["palida"], "low_pass", 5e-4, number)
+    assert not outcome.accepted
+    assert outcome.named_among(CASES["low_pass"].kinds)
