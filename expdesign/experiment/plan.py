@@ -50,8 +50,6 @@ _HALF = math.sqrt(0.5)
 _STEPS = 40
 _OF_VARIANCES = ("d", "a", "e")
 """Criteria that are a mean of variances or the largest one."""
-_EXPLAINED = 0.1
-"""Largest unexplained share of the cost's gradient for a statement on limits."""
 
 
 @dataclass(frozen=True)
@@ -529,10 +527,8 @@ def _helpful_limit(
         found = sensitivity_at_design(plan_search(configuration), trajectory)
     except (ComputationError, InputError):
         return "", np.nan
-    if found.unexplained > _EXPLAINED or not found.gains:
-        return "", np.nan
-    key = max(found.gains, key=lambda name: found.gains[name])
-    return (key, 100 * found.gains[key]) if found.gains[key] > 0 else ("", np.nan)
+    key = found.costliest
+    return ("", np.nan) if key is None else (key, 100 * found.gains[key])
 
 
 def _std_reduction(criterion: str, gain: float) -> float:

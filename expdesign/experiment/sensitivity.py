@@ -39,6 +39,8 @@ _NEAR = 5e-3
 _NEAR_A_DESIGN = 1e-2
 """The same for a finished design."""
 _STEP = 1e-4
+EXPLAINED = 0.1
+"""Largest unexplained share of the cost's gradient with which gains and costs are stated."""
 _RADIUS = 0.3
 """Half-width of the box about the design in which the nearest optimum is sought."""
 
@@ -59,6 +61,17 @@ class LimitSensitivity:
     order."""
     reserve: float = 0.0
     """The same for all reserves together."""
+
+    @property
+    def explained(self) -> bool:
+        """Whether the limits explain the cost: otherwise the design is not near an optimum."""
+        return self.unexplained <= EXPLAINED
+
+    @property
+    def costliest(self) -> str | None:
+        """Key of the limit whose widening gains most; None where no gain is known."""
+        key = max(self.gains, key=self.gains.__getitem__, default="")
+        return key if self.explained and self.gains.get(key, 0.0) > 0 else None
 
 
 def limit_sensitivity(

@@ -11,7 +11,7 @@ differ in these have no efficiency either.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
@@ -32,7 +32,7 @@ from expdesign.progress import track
 from expdesign.robot.derived import ErrorShares
 from results.figures.parameters import ParameterSeries, compared_precision_figure
 from results.notation import count_text, duration, percent
-from results.views.design import EXPLAINED, costliest_fact, gains_table
+from results.views.design import costliest_fact, gains_table
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,
@@ -90,7 +90,7 @@ def compare_designs(
         sound = (design.label for design in designs if not design.changed)
         found = (costliest_fact(costs[label], f"{label}: ") for label in sound)
         facts += [fact for fact in found if fact is not None]
-        if any(each.unexplained > EXPLAINED for each in costs.values()):
+        if not all(each.explained for each in costs.values()):
             text = (
                 "Where the limits leave more than 10 % of the cost's gradient unexplained, the "
                 "design is not near an optimum, and the costs of its limits are not shown."
@@ -231,11 +231,8 @@ class ComparedDesign:
     def _std_of_change(self, samples: float) -> Array:
         """Return the standard deviations of the change since a prior, (m,), SI."""
         configuration, motion = self.result.configuration, self.result.trajectory
-        experiment = configuration.run.experiment
-        periods = samples / (motion.period * experiment.sampling)
-        experiment = experiment.model_copy(update={"periods": periods})
-        run = configuration.run.model_copy(update={"experiment": experiment})
-        configuration = replace(configuration, run=run)
+        periods = samples / (motion.period * configuration.run.experiment.sampling)
+        configuration = configuration.with_section("experiment", periods=periods)
         evaluator = noise_evaluator(configuration)
         information, total = experiment_information(evaluator, motion, configuration)
         return predicted_errors(configuration, evaluator, motion, information, total).std

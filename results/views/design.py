@@ -287,7 +287,7 @@ def _reserve(result: DesignResult, sensitivity: LimitSensitivity | None) -> tupl
 def _gains(sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:
     if sensitivity is None:
         return ()
-    if sensitivity.unexplained > EXPLAINED:
+    if not sensitivity.explained:
         text = (
             f"The limits leave {percent(sensitivity.unexplained)} of the cost's gradient: the "
             "design is not near an optimum, and the costs of the limits are not shown."
@@ -295,9 +295,6 @@ def _gains(sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:
         return (TextBlock(text),)
     return (gains_table({"gain": sensitivity}, "the design itself"),)
 
-
-EXPLAINED = 0.1
-"""Largest share of the cost's gradient that the limits may leave for multipliers to be shown."""
 
 _REST = "unexplained"
 
@@ -330,17 +327,9 @@ def design_sensitivity(result: DesignResult) -> LimitSensitivity | None:
         return None
 
 
-def costliest(sensitivity: LimitSensitivity) -> str | None:
-    """Return the key of the costliest limit; None where no cost is known."""
-    if sensitivity.unexplained > EXPLAINED or not sensitivity.gains:
-        return None
-    key = max(sensitivity.gains, key=lambda name: sensitivity.gains[name])
-    return key if sensitivity.gains[key] > 0 else None
-
-
 def costliest_fact(sensitivity: LimitSensitivity, whose: str = "") -> Fact | None:
     """Return the cost of the costliest limit; None where no cost is known."""
-    key = costliest(sensitivity)
+    key = sensitivity.costliest
     if key is None:
         return None
     gain = f"+{readable(100 * sensitivity.gains[key], 2)} %"
@@ -361,7 +350,7 @@ def reserve_in_words(
     span = " to ".join(dict.fromkeys(percent(share) for share in (shares[0], shares[-1])))
     which = "every limit" if len(kept) == len(reserves) else ", ".join(map(limit_title, kept))
     text = f"A reserve of {span} of the range of {which} is kept free."
-    if sensitivity is None or sensitivity.unexplained > EXPLAINED:
+    if sensitivity is None or not sensitivity.explained:
         return f"{text} Its cost is not known: the design is not near an optimum."
     text += (
         f" It costs about {percent(sensitivity.reserve, 2)} of "
@@ -391,7 +380,7 @@ def gains_table(found: Mapping[str, LimitSensitivity], where: str) -> ReportTabl
     keys = dict.fromkeys(key for sensitivity in found.values() for key in sensitivity.gains)
     columns = [TableColumn("limit", kind="text", of=limit_title)]
     for label, sensitivity in found.items():
-        known = sensitivity.gains if sensitivity.unexplained <= EXPLAINED else {}
+        known = sensitivity.gains if sensitivity.explained else {}
         shares = {**known, _REST: sensitivity.unexplained}
         columns.append(TableColumn(label, "%", digits=3, of=shares.get, factor=100))
     caption = (

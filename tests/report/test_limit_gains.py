@@ -8,12 +8,10 @@ import pandas as pd
 import pytest
 
 from expdesign.experiment import DesignResult
-from expdesign.experiment.sensitivity import FREQUENCY, LimitSensitivity
+from expdesign.experiment.sensitivity import EXPLAINED, FREQUENCY, LimitSensitivity
 from expdesign.stages.registry import reported_stages
 from results.views import design
 from results.views.design import (
-    EXPLAINED,
-    costliest,
     design_sensitivity,
     design_view,
     gains_table,
@@ -132,8 +130,8 @@ def test_a_report_states_bounds_and_reserve_where_there_is_one(folder):
 
 def test_the_costliest_limit():
     found = LimitSensitivity({"tilt": 0.02, FREQUENCY: 0.05}, 0.01)
-    assert costliest(found) == FREQUENCY
-    assert costliest(replace(found, unexplained=0.2)) is None
-    assert costliest(LimitSensitivity({"tilt": 0.0}, 0.01)) is None
+    assert found.costliest == FREQUENCY
+    assert replace(found, unexplained=0.2).costliest is None
+    assert LimitSensitivity({"tilt": 0.0}, 0.01).costliest is None
     rows = gains_table({"one": found}, "the design itself").rows
     assert rows[:2] == (("tilt of the platform", 2.0), ("base frequency", 5.0))
