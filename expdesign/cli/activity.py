@@ -14,6 +14,8 @@ from rich.spinner import Spinner
 from rich.table import Table
 from rich.text import Text
 
+from results.notation import duration
+
 HEARTBEAT = 5.0
 """Seconds between two lines, at least, where nothing can be redrawn in place."""
 _UNCHANGED = 60.0
@@ -25,23 +27,7 @@ _CHECKED = 1.0
 _SILENT = 2.0
 """Seconds that pass before anything is shown."""
 _BAR = 16
-_MINUTE, _HOUR = 60, 3600
-
-
-def time_text(seconds: float) -> str:
-    """Return a time in words.
-
-    Examples
-    --------
-    >>> time_text(8), time_text(125), time_text(4800)
-    ('8 s', '2 min 5 s', '1 h 20 min')
-    """
-    whole = max(0, round(seconds))
-    if whole < _MINUTE:
-        return f"{whole} s"
-    if whole < _HOUR:
-        return f"{whole // _MINUTE} min {whole % _MINUTE} s"
-    return f"{whole // _HOUR} h {whole % _HOUR // _MINUTE} min"
+_MINUTE = 60
 
 
 def left_text(passed: float, share: float) -> str:
@@ -52,7 +38,7 @@ def left_text(passed: float, share: float) -> str:
     # An estimate: its seconds mean nothing.
     if left > _MINUTE:
         left = 5 * round(left / 5)
-    return f"about {time_text(left)} left"
+    return f"about {duration(round(left))} left"
 
 
 class Activity:
@@ -105,7 +91,7 @@ class Activity:
         left = left_text(now - self._since, share)
         what = f": {self._what}" if self._what else ""
         rest = f" ({left})" if left else ""
-        return f"{self._name}, {time_text(now - self._began)}{what}{counted}{rest}"
+        return f"{self._name}, {duration(round(now - self._began))}{what}{counted}{rest}"
 
     @contextmanager
     def display(self) -> Iterator[None]:

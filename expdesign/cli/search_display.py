@@ -13,7 +13,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from expdesign.cli.activity import HEARTBEAT, Activity, left_text, time_text
+from expdesign.cli.activity import HEARTBEAT, Activity, left_text
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment.judging import criterion_symbol
 from expdesign.experiment.precision import precision_in_words
@@ -23,6 +23,7 @@ from expdesign.solver.phases import PHASE_TITLES, SearchEvent
 from expdesign.solver.search import FINISHED, REFINED, groups
 from expdesign.solver.starts import GIVEN_UP
 from expdesign.trajectory import FourierTrajectory
+from results.notation import duration
 
 _PAUSE = 0.15
 """The same as a share of the time that has passed: a log of an hour has some 40 lines."""
@@ -96,7 +97,7 @@ class SearchDisplay:
         """Show one event."""
         if not self._built:
             self._built, self._searches = True, time.monotonic()
-            self._line(f"design: the search begins after {time_text(self._seconds)}")
+            self._line(f"design: the search begins after {duration(round(self._seconds))}")
         if event.phase in _TRUE:
             self._end(event)
         elif event.phase == "waiting":
@@ -147,7 +148,7 @@ class SearchDisplay:
             self._refined += hop or (event.start in self._rough and event.status != GIVEN_UP)
             self._rough |= set() if hop else {event.start}
             if self._best is None and math.isfinite(event.objective):
-                effort = f"{event.iteration} iterations, {time_text(event.seconds)}"
+                effort = f"{event.iteration} iterations, {duration(round(event.seconds))}"
                 found = f"{self._result(event)}, within the limits after {effort}"
                 self._line(f"{name}: {found}: {event.status}")
         # A start that is done is within its limits, the recheck may find a finished one beyond.
@@ -182,7 +183,7 @@ class SearchDisplay:
         left = self._left()
         return (
             f"{self._starts_ended} of {self._starts} starts{hops} done, "
-            f"{time_text(self._seconds)}{', ' if left else ''}{left}"
+            f"{duration(round(self._seconds))}{', ' if left else ''}{left}"
         )
 
     def _text(self, event: SearchEvent) -> str:
@@ -248,7 +249,7 @@ class SearchDisplay:
                 _iteration(event),
                 f"{event.objective:.6g}",
                 f"{100 * max(event.violation, 0.0):.2g} %",
-                time_text(event.seconds),
+                duration(round(event.seconds)),
             )
         return Group(*lines, table)
 

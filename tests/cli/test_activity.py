@@ -7,7 +7,8 @@ from itertools import pairwise
 import pytest
 from rich.console import Console
 
-from expdesign.cli.activity import HEARTBEAT, Activity, left_text, time_text
+from expdesign.cli.activity import HEARTBEAT, Activity, left_text
+from results.notation import duration
 
 
 @pytest.fixture
@@ -118,7 +119,7 @@ def test_a_bar_is_gone_when_the_stage_is_done(clock):
     ("seconds", "text"), [(0.4, "0 s"), (59.4, "59 s"), (125, "2 min 5 s"), (4800, "1 h 20 min")]
 )
 def test_times(seconds, text):
-    assert time_text(seconds) == text
+    assert duration(round(seconds)) == text
 
 
 @pytest.mark.parametrize(("passed", "share"), [(10.0, 0.0), (10.0, 1.0), (0.1, 0.5)])
