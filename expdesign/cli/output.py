@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
@@ -15,7 +14,7 @@ from rich.console import Console
 from rich.text import Text
 
 from expdesign.configuration import ComputationError, InputError, Problem, quote
-from expdesign.runfolder.files import json_values
+from expdesign.runfolder.files import json_text
 from expdesign.stages.stage import short
 
 FAILED = 1
@@ -48,7 +47,7 @@ def say(text: str) -> None:
 
 def write_json(data: Any) -> None:
     """Write data to standard output as JSON; NaN and ±inf, which JSON does not have, as null."""
-    typer.echo(json.dumps(json_values(data), indent=2))
+    typer.echo(json_text(data, ensure_ascii=True))
 
 
 def warn(text: str, console: Console | None = None) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from expdesign.runfolder.fields import checker
-from expdesign.runfolder.files import FORMAT, check_format, errors_naming, json_values, write_text
+from expdesign.runfolder.files import FORMAT, check_format, errors_naming, json_text, write_text
 
 Entry = TypeVar("Entry")
 Key = TypeVar("Key", bound=Hashable)
@@ -27,7 +27,7 @@ def _check(data: dict[str, Any]) -> str:
 class Journal(Generic[Entry, Key]):
     """Finished parts of a computation, one line each, in the order of their ends.
 
-    Numbers that JSON does not have are texts: ``"inf"``. The first line has a hash of the inputs,
+    Numbers that JSON does not have are texts. The first line has a hash of the inputs,
     each other line one of its content. From an incomplete or changed line on, the parts are done
     again.
 
@@ -102,7 +102,8 @@ class Journal(Generic[Entry, Key]):
         if not self._valid:
             write_text(self.path, self._header)
             self._valid = len(self._header)
-        data = json_values(checker(self._kind).dump_python(part), repr)
+        values = checker(self._kind).dump_python(part)
+        data = json.loads(json_text(values, inf_nan_mode="strings"))
         line = (json.dumps({**data, _CHECK: _check(data)}) + "\n").encode()
         with errors_naming(self.path), self.path.open("r+b") as stream:
             stream.truncate(self._valid)

@@ -16,7 +16,7 @@ from typing import Annotated, Any, ClassVar
 
 from expdesign.configuration import RunConfiguration
 from expdesign.runfolder.fields import described
-from expdesign.runfolder.files import RUN_FILE, json_values
+from expdesign.runfolder.files import RUN_FILE
 from expdesign.runfolder.store import JsonFile
 
 _PACKAGES = (
@@ -77,8 +77,7 @@ class Manifest(JsonFile):
         return self.checksum == self._checksum()
 
     def _checksum(self) -> str:
-        data = json_values(super().as_data())
-        return text_hash(json.dumps({**data, "checksum": ""}, sort_keys=True))
+        return text_hash(json.dumps({**super().as_data(), "checksum": ""}, sort_keys=True))
 
     @classmethod
     def new(cls, seeds: dict[str, int], evaluation: str) -> Manifest:
