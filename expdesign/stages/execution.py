@@ -195,7 +195,8 @@ def input_hash(stage: Stage, work: Workspace) -> str:
     made_from = " ".join(work.made_from(need) for need in stage.inputs(configuration))
     if stage.sections is None:
         # The whole run.yaml, which a report shows, and the changes by hand that it names.
-        sections = "\n".join([resolved_yaml(configuration), *other_changes(stage, work.folder)])
+        changes = changes_by_hand(stage, work.folder, own=False)
+        sections = "\n".join([resolved_yaml(configuration), *changes])
     else:
         sections = sections_text(configuration, stage.sections)
     return text_hash(stage.name, sections, made_from, sorted(package_versions().items()))
@@ -231,24 +232,16 @@ def changed_inputs(stage: Stage, work: Workspace) -> Iterator[str]:
                     yield f"{short(folder / file)} was changed by hand"
 
 
-def stage_changes(stage: Stage, folder: Path) -> list[str]:
-    """Return the changes by hand of the files that a stage wrote, in sentences."""
-    manifest = Manifest.known(folder)
-    made = None if manifest is None else manifest.stages.get(stage.name)
-    if manifest is None or made is None:
-        return []
-    changed = set(manifest.changed_files(folder)) & made.files.keys() - {COLUMNS_FILE}
-    return [f"{file} was changed by hand" for file in sorted(changed) if (folder / file).exists()]
-
-
-def other_changes(stage: Stage, folder: Path) -> list[str]:
-    """Return the changes by hand of a folder's files that a stage did not write, in sentences."""
+def changes_by_hand(stage: Stage, folder: Path, *, own: bool) -> list[str]:
+    """Return the changes of the files that a stage wrote, or of all others, in sentences."""
     manifest = Manifest.known(folder)
     if manifest is None:
         return []
-    own = manifest.stages[stage.name].files if stage.name in manifest.stages else {}
-    changed = set(manifest.changed_files(folder)) - own.keys() - {COLUMNS_FILE}
-    return [f"{file} was changed by hand" for file in sorted(changed) if (folder / file).exists()]
+    made = manifest.stages.get(stage.name)
+    files = set() if made is None else set(made.files)
+    changed = set(manifest.changed_files(folder)) - {COLUMNS_FILE}
+    found = sorted(changed & files if own else changed - files)
+    return [f"{file} was changed by hand" for file in found if (folder / file).exists()]
 
 
 def is_done(stage: Stage, work: Workspace) -> bool:

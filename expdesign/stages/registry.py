@@ -24,6 +24,10 @@ from expdesign.stages.stage import (
     too_long_to_simulate,
 )
 
+_EXPERIMENT, _ESTIMATOR = {"periods", "sampling"}, {"systematic", "estimators"}
+_PREDICTION = {"experiment": _EXPERIMENT, "estimate": _ESTIMATOR}
+"""Keys that the predicted precision of a motion depends on."""
+
 
 class SearchStage(Stage):
     """Stage that searches or judges designs."""
@@ -69,7 +73,7 @@ class DesignStage(SearchStage):
     does = "searches the optimal excitation trajectory"
     file = "design.json"
     writes = ("trajectory.csv", *TABLES)
-    sections = run_sections("trajectory", "design", experiment={"periods", "sampling", "payload"})
+    sections = run_sections("trajectory", "design", experiment=_EXPERIMENT | {"payload"})
     needs = ("others", "tolerances")
     compared = "trajectory.csv"
 
@@ -86,12 +90,7 @@ class NextStage(SearchStage):
     does = "compares the next motion with the last one repeated"
     file = "next.json"
     writes = TABLES
-    sections = run_sections(
-        "trajectory",
-        "design",
-        estimate={"systematic", "estimators"},
-        experiment={"periods", "sampling"},
-    )
+    sections = run_sections("trajectory", "design", **_PREDICTION)
     needs = ("design",)
     shown_after = "design"
 
@@ -113,13 +112,7 @@ class GoalsStage(SearchStage):
     does = "plans the measuring time for wanted precisions"
     file = "plan.json"
     writes = TABLES
-    sections = run_sections(
-        "trajectory",
-        "design",
-        "goals",
-        estimate={"systematic", "estimators"},
-        experiment={"periods", "sampling"},
-    )
+    sections = run_sections("trajectory", "design", "goals", **_PREDICTION)
     needs = ("design",)
     makes_design = True
 
@@ -222,12 +215,9 @@ class SweepStage(SearchStage):
     file = "sweep.json"
     writes = (*TABLES, "designs/*/design.json")
     sections = run_sections(
-        "trajectory",
-        "design",
-        "sweep",
-        "goals",
-        estimate={"systematic", "estimators"},
-        experiment={"periods", "sampling", "payload"},
+        *("trajectory", "design", "sweep", "goals"),
+        estimate=_ESTIMATOR,
+        experiment=_EXPERIMENT | {"payload"},
     )
     in_sweep = True
 
@@ -244,7 +234,7 @@ class ExportStage(Stage):
         "motion",
         "export",
         design={"parameters"},
-        experiment={"periods", "sampling", "payload"},
+        experiment=_EXPERIMENT | {"payload"},
     )
     needs = ("design",)
     motions = "each"

@@ -14,17 +14,16 @@ from expdesign.runfolder.lock import one_writer
 from expdesign.runfolder.manifest import Manifest
 from expdesign.stages.execution import (
     Place,
+    changes_by_hand,
     clear_leftovers,
     current_configuration,
     execute,
     input_hash,
     is_done,
     keep_configuration,
-    other_changes,
     refuse_removed,
     refuse_unwritable,
     run_folder,
-    stage_changes,
     workspaces,
 )
 from expdesign.stages.registry import missing_design, named_stages, reported_stages, stages
@@ -134,14 +133,14 @@ def _do_stage(stage: Stage, work: Workspace) -> None:
     """Do a stage that is not done already."""
     folder = work.folder
     if stage.sections is None:
-        for change in other_changes(stage, folder):
+        for change in changes_by_hand(stage, folder, own=False):
             work.progress.warn(change)
     work.inputs[stage.name] = input_hash(stage, work)
     if is_done(stage, work):
         work.progress.note(f"{stage.name}: done already, in {short(folder)}")
         work.made[stage.name] = Outcome(stage.name, folder)
         return
-    for change in stage_changes(stage, folder):
+    for change in changes_by_hand(stage, folder, own=True):
         work.progress.warn(f"{change}; {stage.name} is done again")
     execute(stage, work)
 
