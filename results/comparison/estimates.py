@@ -26,7 +26,6 @@ from results.views.blocks import (
     information_sentence,
     information_test,
 )
-from results.views.estimate import NAMES
 from results.views.folder import RunFolder
 
 _TWO_SIDED = 1.959963984540054
@@ -200,7 +199,7 @@ def _values_table(found: tuple[ComparedEstimate, ...], names: tuple[str, ...]) -
         view.TableColumn("unit", kind="text", of=units),
     ]
     for each in found:
-        estimator = NAMES.get(each.result.best, each.result.best)
+        estimator = each.result.best.upper()
         values, std = each.of(names)
         half = _TWO_SIDED * std
         columns += [

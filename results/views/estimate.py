@@ -53,7 +53,6 @@ from results.views.view import (
     drawings,
 )
 
-NAMES = {"ls": "LS", "gm": "GM", "ml": "ML"}
 _TITLE = "Estimate"
 
 
@@ -99,7 +98,7 @@ def estimates_table(result: EstimationResult, truth: Mapping[str, float] | None)
         columns += [replace(column, screen=False) for column in on_page]
         uncertainty = " with their uncertainty"
     known = " and the simulated truth" if truth is not None else ""
-    caption = f"Parameters of the {NAMES.get(best, best)} estimate{uncertainty}{known}"
+    caption = f"Parameters of the {best.upper()} estimate{uncertainty}{known}"
     rows = result.by_estimator()[best]
     return ReportTable.of("estimates", caption, columns, rows, screen=True, latex=True)
 
@@ -113,7 +112,7 @@ def _estimators_table(result: EstimationResult) -> ReportTable:
         TableColumn("a priori", digits=5, of=[row.a_priori for row in first]),
     ]
     for key, rows in tables.items():
-        columns.append(TableColumn(NAMES.get(key, key), digits=5, of=[row.value for row in rows]))
+        columns.append(TableColumn(key.upper(), digits=5, of=[row.value for row in rows]))
         if result.estimators[key].converged:
             stds = [row.std for row in rows]
             columns.append(TableColumn("σ", kind="error", digits=3, of=stds))
@@ -166,7 +165,7 @@ def _parameter_blocks(
 ) -> list[Block]:
     """Return the parameters and derived quantities with their uncertainty."""
     blocks: list[Block] = payload_blocks(result, payload)
-    name = NAMES.get(result.best, result.best)
+    name = result.best.upper()
     blocks += derived_blocks(
         "estimate_derived", result.best_estimator.derived, f"of the {name} estimate"
     )
@@ -219,7 +218,7 @@ def _noise_table(result: EstimateFile, torque_per_force: float | None) -> Report
 
 
 def _verdict(result: EstimateFile) -> StageVerdict:
-    name = NAMES.get(result.best, result.best)
+    name = result.best.upper()
     begin = f"{name} from {count_text(len(result.recordings), 'recording')}"
     estimator = result.best_estimator
     if not estimator.converged:

@@ -10,7 +10,6 @@ from estimation.montecarlo.result import EstimatorStatistics, MonteCarloResult
 from estimation.twin.truth import Truth
 from results.figures.studies import STUDY_FIGURES
 from results.notation import count_text, percent, readable
-from results.views.estimate import NAMES
 from results.views.folder import RunFolder
 from results.views.parameter_blocks import symbols_block
 from results.views.view import (
@@ -89,7 +88,7 @@ def montecarlo_view(folder: RunFolder) -> StageView:
     result = folder.result(MonteCarloResult)
     summary, estimators = result, result.estimators
     failures = sum(len(entry.failures) for entry in estimators.values())
-    names = ", ".join(NAMES.get(name, name) for name in estimators)
+    names = ", ".join(name.upper() for name in estimators)
     identified = f"{len(summary.identified)} of {len(summary.parameters)}"
     experiment = summary.settings["experiment"]
     sentence = (
@@ -115,7 +114,7 @@ def _facts(estimators: dict[str, EstimatorStatistics]) -> tuple[Fact, ...]:
     pooled = estimators[name].pooled if name else None
     if pooled is None:
         return ()
-    title = NAMES.get(name, name)
+    title = name.upper()
     return (
         Fact(
             f"{title}: RMSE / bound",
@@ -132,7 +131,7 @@ def _pooled_table(estimators: dict[str, EstimatorStatistics]) -> ReportTable:
         return lambda name: getattr(estimators[name].pooled, key, None)
 
     columns = (
-        TableColumn("estimator", kind="text", of=lambda name: NAMES.get(name, name)),
+        TableColumn("estimator", kind="text", of=lambda name: name.upper()),
         TableColumn("estimates", of=lambda name: estimators[name].estimates),
         TableColumn("failed", of=lambda name: len(estimators[name].failures)),
         TableColumn("RMSE / bound", of=pooled("rmse_over_bound")),
@@ -149,9 +148,7 @@ def _pooled_table(estimators: dict[str, EstimatorStatistics]) -> ReportTable:
 
 def _statistics_table(result: MonteCarloResult) -> ReportTable:
     columns = (
-        TableColumn(
-            "estimator", kind="text", of=lambda row: NAMES.get(row.estimator, row.estimator)
-        ),
+        TableColumn("estimator", kind="text", of=lambda row: row.estimator.upper()),
         TableColumn("parameter", kind="parameter", of="parameter"),
         TableColumn("unit", kind="text", of="unit"),
         TableColumn("truth", of="truth"),
@@ -183,7 +180,7 @@ def compare_montecarlo(folders: Mapping[str, RunFolder], *_: object) -> StageVie
         for estimator in dict.fromkeys(row.estimator for row in rows):
             own = [row for row in rows if row.estimator == estimator]
             spread = {(row.parameter, row.unit): row.spread for row in own}
-            title = f"{NAMES.get(estimator, estimator)}, {label}"
+            title = f"{estimator.upper()}, {label}"
             columns.append(TableColumn(title, digits=3, of=[spread.get(key) for key in keys]))
     caption = (
         "Standard deviations that the estimators achieved in simulated experiments, and the "

@@ -17,7 +17,6 @@ from results.views.blocks import (
     motor_columns,
     verdict_level,
 )
-from results.views.estimate import NAMES
 from results.views.folder import RunFolder
 from results.views.view import (
     Block,
@@ -58,7 +57,7 @@ def validation_view(folder: RunFolder) -> StageView:
         )
     motions = count_text(len(result.motions), "motion")
     sentence = (
-        f"The {NAMES.get(result.estimator, result.estimator)} estimate predicts the forces of "
+        f"The {result.estimator.upper()} estimate predicts the forces of "
         f"{motions} ({'; '.join(motion.name for motion in result.motions)}): {passed} actuator "
         "tests pass."
     )
@@ -166,7 +165,7 @@ def feedforward_view(folder: RunFolder) -> StageView:
     best, without = summary.case("identified"), summary.case("none")
     good = best.reduction > 1
     sentence = (
-        f"With the forces of the {NAMES.get(summary.estimator, summary.estimator)} estimate fed "
+        f"With the forces of the {summary.estimator.upper()} estimate fed "
         f"forward, the struts follow the motion ({summary.motion}) with {_micro(best.rms_struts)} "
         f"instead of {_micro(without.rms_struts)} rms: "
         f"{readable(best.reduction, 3)} times better. "
