@@ -66,6 +66,13 @@ class Element:
             raise self.refusal(f"{what} is {quote(text.strip())}", f"{many} finite numbers")
         return values
 
+    def direction(self, vector: Array, what: str) -> Array:
+        """Return the unit vector along a vector; refuse zero."""
+        length = float(np.linalg.norm(vector))
+        if length == 0:
+            raise self.refusal(f"{what} has no direction", "numbers that are not all zero")
+        return np.asarray(vector / length)
+
 
 def read_xml(file: Path, root: str) -> Element:
     """Return the root element of an XML file, of the name `root`."""

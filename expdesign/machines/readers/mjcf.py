@@ -38,7 +38,6 @@ _KINDS: dict[str, Kind] = {
 }
 _PLACING = ["rotation"] * 3 + ["slide"] * 3
 """Joints of one body, sorted, that leave it free."""
-_ACTUATED = ("motor", "position", "velocity", "intvelocity", "general", "cylinder", "damper")
 
 
 def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
@@ -136,10 +135,7 @@ class _Model:
         axes = np.zeros((0, 3))
         if title in ("hinge", "slide"):
             axis = element.numbers(given.get("axis", "0 0 1"), "axis", 3)
-            length = float(np.linalg.norm(axis))
-            if length == 0:
-                raise element.refusal("the axis has no direction", "three numbers, not all zero")
-            axes = (place.rotation @ axis / length)[None]
+            axes = (place.rotation @ element.direction(axis, "the axis"))[None]
         travel = force = None
         if title == "slide":
             travel = self._range(element, given)
@@ -207,7 +203,7 @@ class _Model:
         """Give the slides the largest force of their actuators."""
         forces: dict[str, float] = {}
         for section in self.root.all("actuator"):
-            for element in section.all(*_ACTUATED):
+            for element in section.all(*_ACTUATORS):
                 given = self.attributes.given(element)
                 force = _largest(element, given, "forcerange")
                 if force is None and element.tag == "motor":
@@ -320,12 +316,12 @@ class Attributes:
         key = given[0]
         text = element.attributes[key]
         if key == "quat":
-            quaternion = _unit(element, element.numbers(text, key, 4), key)
+            quaternion = element.direction(element.numbers(text, key, 4), key)
             return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
         if key == "axisangle":
             values = element.numbers(text, key, 4)
             angle = float(np.radians(values[3]) if self.degrees else values[3])
-            return Rotation.from_rotvec(angle * _unit(element, values[:3], key)).as_matrix()
+            return Rotation.from_rotvec(angle * element.direction(values[:3], key)).as_matrix()
         if key == "euler":
             rotation = Rotation.identity()
             for letter, value in zip(self.order, element.numbers(text, key, 3), strict=True):
@@ -334,17 +330,10 @@ class Attributes:
             return rotation.as_matrix()
         if key == "xyaxes":
             values = element.numbers(text, key, 6)
-            x = _unit(element, values[:3], key)
-            y = _unit(element, values[3:] - x * (x @ values[3:]), key)
+            x = element.direction(values[:3], key)
+            y = element.direction(values[3:] - x * (x @ values[3:]), key)
             return np.column_stack([x, y, np.cross(x, y)])
-        return turned_to(_unit(element, element.numbers(text, key, 3), key))
-
-
-def _unit(element: Element, vector: Array, what: str) -> Array:
-    length = float(np.linalg.norm(vector))
-    if length == 0:
-        raise element.refusal(f"{what} has no direction", "numbers that are not all zero")
-    return np.asarray(vector / length)
+        return turned_to(element.direction(element.numbers(text, key, 3), key))
 
 
 def turned_to(z: Array) -> Array:

@@ -134,10 +134,8 @@ class _Frames:
         given = None if axis is None else axis.first("xyz")
         if axis is None or given is None:
             raise joint.refusal(f"<{tag}><xyz> is missing", "three numbers")
-        vector = joint.numbers(given.text, f"<{tag}><xyz>", 3)
-        length = float(np.linalg.norm(vector))
-        if length == 0:
-            raise joint.refusal(f"<{tag}><xyz> has no direction", "three numbers, not all zero")
+        numbers = joint.numbers(given.text, f"<{tag}><xyz>", 3)
+        direction = joint.direction(numbers, f"<{tag}><xyz>")
         frame = joint.attributes["name"].strip()
         parent_model = axis.first("use_parent_model_frame")
         if self.version < _AXES_IN_JOINT or (
@@ -145,7 +143,7 @@ class _Frames:
         ):
             frame = _MODEL
         frame = given.attributes.get("expressed_in") or frame
-        return self.place(frame, joint).rotation @ vector / length
+        return self.place(frame, joint).rotation @ direction
 
 
 def read_pose(element: Element) -> tuple[Placement, str]:

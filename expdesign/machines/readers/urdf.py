@@ -269,11 +269,7 @@ def _axis(element: Element, tag: str) -> Array:
     given = element.first(tag)
     inner = None if given is None else given.first("xyz")
     text = "1 0 0" if given is None else given.attributes.get("xyz", inner.text if inner else "")
-    vector = element.numbers(text, f"<{tag}>", 3)
-    length = float(np.linalg.norm(vector))
-    if length == 0:
-        raise element.refusal(f"<{tag}> has no direction", "three numbers, not all zero")
-    return np.asarray(vector / length)
+    return element.direction(element.numbers(text, f"<{tag}>", 3), f"<{tag}>")
 
 
 def _rigid(link: Element, place: Placement) -> tuple[float | None, RigidBody | None]:
