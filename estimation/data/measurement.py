@@ -95,6 +95,11 @@ class Measurement:
     """Remarks from reading it, for the user."""
 
     @property
+    def file(self) -> Path | None:
+        """The file that it was read from; None without one."""
+        return Path(self.source) if self.source else None
+
+    @property
     def fingerprint(self) -> str:
         """SHA-256 of the measured numbers, whatever their units, signs, order and file."""
         return self.content or sha256(self.lengths.tobytes() + self.forces.tobytes()).hexdigest()
@@ -201,8 +206,7 @@ def add_motors(
     for other, recording in zip(others, recordings[1:], strict=True):
         if other != damping:
             message = "forces and voltages cannot be combined in one estimate"
-            file = Path(recording.source) if recording.source else None
-            raise InputError(message, file, allowed="recordings of one kind")
+            raise InputError(message, recording.file, allowed="recordings of one kind")
     return configuration if damping is None else add_back_emf(configuration, damping)
 
 

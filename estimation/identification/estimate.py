@@ -468,7 +468,7 @@ class IdentifiedModel:
         names = self.priors.names
         if BACK_EMF.parameters[0].name not in names:
             message = "the recording contains voltages, and the estimate comes from forces"
-            raise InputError(message, Path(data.source), allowed="recordings of one kind")
+            raise InputError(message, data.file, allowed="recordings of one kind")
         values = self.estimate.values.copy()
         values[[names.index(one.name) for one in BACK_EMF.parameters]] = data.back_emf
         values = machine.parameters(values)

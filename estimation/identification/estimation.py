@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -388,7 +387,7 @@ def _refuse_none_or_repeated(data: Sequence[Measurement], prior: Identification 
             raise UnsuitableDataError(
                 f"recording {number} is in the prior, the estimate of the run {prior.run}: it "
                 "would count twice",
-                file=Path(one.source) if one.source else None,
+                file=one.file,
                 allowed="recordings that the prior does not contain, or no prior",
             )
     if len(data) == 1:
@@ -403,7 +402,7 @@ def _refuse_none_or_repeated(data: Sequence[Measurement], prior: Identification 
             raise UnsuitableDataError(
                 f"recordings {first} and {second} {how}: what is repeated adds no information, and "
                 "its noise would count as independent",
-                file=Path(other.source) if other.source else None,
+                file=other.file,
                 allowed="each recording once, and windows of one file that do not overlap",
             )
 
@@ -458,7 +457,7 @@ def _refuse_selection(
         if recording.experiment.recording.source is PeriodSource.NONE:
             raise UnsuitableDataError(
                 "the selection of terms needs a motion that repeats",
-                file=Path(measurement.source) if measurement.source else None,
+                file=measurement.file,
                 key="estimate.select",
                 allowed="recordings with a period, or `terms` of the robot without a selection",
             )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -121,8 +120,8 @@ def choose_omega(
             f"samples every {data.step:.4g} s are too far apart for the {source.value}'s period of "
             f"{period:.6g} s: the time has another unit"
         )
-        file = Path(data.source) if data.source else None
-        raise UnsuitableDataError(message, file, allowed="data.units: {t: …}, its unit in the file")
+        allowed = "data.units: {t: …}, its unit in the file"
+        raise UnsuitableDataError(message, data.file, allowed=allowed)
     if configuration.run.estimate.frequency == "estimated" and source is not PeriodSource.DATA:
         omega = refine_omega(data, omega, _FREQUENCY_REACH)
     if source is not PeriodSource.DATA and not (ramps and find_periodic_window(data, omega)):
@@ -238,8 +237,7 @@ def _unsuitable(
         message = f"{message}; the struts do not move before {begin:.4g} s"
         allowed = f"data.start: {begin:.4g} s, which leaves the rows at rest out"
     allowed = f"{allowed}; or estimate.differentiation: spline, for a motion without a period"
-    file = Path(data.source) if data.source else None
-    return kind(message, file=file, allowed=allowed)
+    return kind(message, file=data.file, allowed=allowed)
 
 
 _TWO = 2 - 1e-9
@@ -316,7 +314,7 @@ def fold_noise_recording(
 def _without_periods(data: Measurement, message: str) -> UnsuitableDataError:
     return UnsuitableDataError(
         message,
-        file=Path(data.source) if data.source else None,
+        file=data.file,
         key="--data",
         allowed="two periods or more of a motion that repeats, or some seconds at rest",
     )

@@ -162,7 +162,7 @@ def fold_measurement(
         The recording has no period, or less than one, or a channel is dead.
     """
     recording = fold_periods(configuration, data, design)
-    noise = choose_noise(configuration, recording, data.source)
+    noise = choose_noise(configuration, recording, data.file)
     return recording.as_weighted(noise), noise
 
 
@@ -185,8 +185,7 @@ def fold_periods(
                 raise
             return single_recording(data)
     except PeriodError as error:
-        file = Path(data.source) if data.source else None
-        raise UnsuitableDataError(str(error), file) from error
+        raise UnsuitableDataError(str(error), data.file) from error
 
 
 def check_recording(
@@ -401,7 +400,7 @@ _FEWEST_FREEDOM = 14.0
 
 
 def choose_noise(
-    configuration: RunConfiguration, recording: PeriodicRecording, source: str = ""
+    configuration: RunConfiguration, recording: PeriodicRecording, file: Path | None = None
 ) -> NoiseModel:
     """Choose Σ and Δ of one sample.
 
@@ -446,7 +445,7 @@ def choose_noise(
         if repeated is not None and (
             section.noise == "estimated" or (section.noise != "given" and repeated.freedom >= least)
         ):
-            _refuse_singular(letter, repeated, source)
+            _refuse_singular(letter, repeated, file)
             return channels.noise(section.spectrum) or repeated
         if stated is not None and (not single or section.noise == "given"):
             found = NoiseEstimate(stated, np.inf, "given")
@@ -458,7 +457,7 @@ def choose_noise(
             first, _ = recording.fit_series(seen)
             covariance = first.covariance * float(np.mean(channels.counts))
             found = NoiseEstimate(covariance, first.freedom, "residuals")
-        _refuse_singular(letter, found, source)
+        _refuse_singular(letter, found, file)
         spectrum = getattr(noise, f"{kind}_spectrum", None)
         if stated is not None and spectrum is not None and channels.repeats is not None:
             found = with_stated_spectrum(found, spectrum, recording, section.spectrum)
@@ -495,7 +494,7 @@ def with_stated_spectrum(
     return replace(noise, lines=lines, filter=weights)
 
 
-def _refuse_singular(letter: str, noise: NoiseEstimate, source: str) -> None:
+def _refuse_singular(letter: str, noise: NoiseEstimate, file: Path | None) -> None:
     """Refuse channels without noise, or with the noise of another channel."""
     if still := [f"{letter}{j + 1}" for j in np.flatnonzero(noise.still)]:
         message = f"{', '.join(still)}: the recording shows no noise at all in this channel"
@@ -503,11 +502,8 @@ def _refuse_singular(letter: str, noise: NoiseEstimate, source: str) -> None:
         message = f"the noise of {letter}1 … {letter}6 is not that of six independent sensors"
     else:
         return
-    raise UnsuitableDataError(
-        message,
-        file=Path(source) if source else None,
-        allowed="six channels that were measured, or noise: given",
-    )
+    allowed = "six channels that were measured, or noise: given"
+    raise UnsuitableDataError(message, file, allowed=allowed)
 
 
 def residual_noise(residuals: Array, counts: Array, used: int) -> NoiseEstimate:
