@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy import signal
 
 from constraints.arrays import Array, Mask
 from expdesign.configuration import RunConfiguration
-from expdesign.configuration.experiment import ChannelDelay, ForceConstantError, LowPass
+from expdesign.configuration.estimate import Delay
+from expdesign.configuration.experiment import ForceConstantError, LowPass
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import friction, platform_forces, rigid_platform, struts
 from expdesign.mechanism.terms.actuator_forces import BACK_EMF
@@ -80,7 +80,7 @@ class Machine:
         motion: Motion,
         times: Array,
         delay: float = 0.0,
-        channel_delay: ChannelDelay | None = None,
+        channel_delay: Delay | None = None,
         low_pass: LowPass | None = None,
     ) -> tuple[Array, Array, Array]:
         """Return the quantities at the sensors, without measurement errors.
@@ -93,7 +93,7 @@ class Machine:
             Times of the length measurements, s.
         delay : float
             Lag of the forces, s.
-        channel_delay : ChannelDelay, optional
+        channel_delay : Delay, optional
             Lags of single channels, s.
         low_pass : LowPass, optional
             Time constants of the sensors, s.
@@ -107,11 +107,8 @@ class Machine:
         positions : (D, 6) array
             Lengths at the motors at the time of these forces, m.
         """
-        channels = channel_delay or ChannelDelay()
-        late, length_late = (
-            np.add(delay, channels.forces),
-            np.array(channels.lengths),
-        )
+        channels = channel_delay or Delay()
+        late, length_late = np.add(delay, channels.forces), np.array(channels.lengths)
         positions, forces = _by_channel(late, lambda own: self._motor_states(motion, times - own))
         lengths = positions
         if not np.array_equal(late, length_late):
@@ -293,11 +290,10 @@ def machine_within_tolerances(configuration: RunConfiguration, draws: Array) -> 
         off.setdefault(entry.group, []).append(drawn.get(entry.name, 0.0))
     section = configuration.run.experiment
 
-    def of_channels(stated: ChannelDelay | LowPass, groups: dict[str, str]) -> dict[str, Any]:
-        return {
-            "forces": tuple(np.add(stated.forces, off[groups["Q"]]).tolist()),
-            "lengths": tuple(np.add(stated.lengths, off[groups["q"]]).tolist()),
-        }
+    def of_channels(stated: Delay | LowPass, groups: dict[str, str]) -> Delay | LowPass:
+        forces = np.add(stated.forces, off[groups["Q"]]).tolist()
+        lengths = np.add(stated.lengths, off[groups["q"]]).tolist()
+        return stated.model_copy(update={"forces": tuple(forces), "lengths": tuple(lengths)})
 
     error = section.force_constant or ForceConstantError()
     (common,) = off["force_constant.common"]
@@ -325,8 +321,8 @@ def machine_within_tolerances(configuration: RunConfiguration, draws: Array) -> 
         strut_length=tuple(np.add(section.strut_length, off["strut_length"]).tolist()),
         force_constant=error.model_copy(update=constants),
         delay=section.delay + sum(off["delay"]),
-        channel_delay=ChannelDelay(**of_channels(section.channel_delay, CHANNEL_DELAYS)),
-        low_pass=LowPass(**of_channels(section.low_pass, LOW_PASSES)),
+        channel_delay=of_channels(section.channel_delay, CHANNEL_DELAYS),
+        low_pass=of_channels(section.low_pass, LOW_PASSES),
         clock=section.clock + sum(off["clock"]),
     )
     truth = replace(truth, description=described)

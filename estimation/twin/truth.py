@@ -15,7 +15,8 @@ from constraints.arrays import Array
 from estimation.data.measurement import Measurement
 from estimation.data.reading import file_channels
 from expdesign.configuration import InputError, RunConfiguration, quote
-from expdesign.configuration.experiment import ChannelDelay, ExperimentSection
+from expdesign.configuration.estimate import Delay
+from expdesign.configuration.experiment import ExperimentSection
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
 from expdesign.runfolder import (
@@ -194,7 +195,7 @@ class DisturbanceKeys:
         """Collect the disturbances of a run; `drift` is that of the struts."""
         names = [field.name for field in fields(cls) if field.name != "drift"]
         found = section.model_dump(include=set(names))
-        off = (None, 0.0, (0.0,) * ACTUATORS, ChannelDelay().model_dump())
+        off = (None, 0.0, (0.0,) * ACTUATORS, Delay().model_dump())
         return cls(drift=drift, **{n: None if v in off else v for n, v in found.items()})
 
     @property

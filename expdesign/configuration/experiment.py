@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 from expdesign.configuration import schema
 from expdesign.configuration.bodies import FixedBodies
 from expdesign.configuration.errors import quote, refusal
+from expdesign.configuration.estimate import Delay
 from expdesign.configuration.quantity import (
     FORCE,
     SHARE,
@@ -130,13 +131,6 @@ class Lost(schema.Section):
         return self
 
 
-class ChannelDelay(schema.Section):
-    """Delays of single channels, s, one or six by the struts' numbers."""
-
-    forces: Annotated[tuple[Duration, ...], schema.per_strut("delays")] = (0.0,) * ACTUATORS
-    lengths: Annotated[tuple[Duration, ...], schema.per_strut("delays")] = (0.0,) * ACTUATORS
-
-
 _TimeConstants = Annotated[
     tuple[Annotated[Duration, NotNegative], ...], schema.per_strut("time constants")
 ]
@@ -178,7 +172,7 @@ class ExperimentSection(schema.Section):
     hum: HumDisturbance | None = None
     delay: Duration = 0.0
     """Delay of the measured forces against the lengths, s."""
-    channel_delay: ChannelDelay = ChannelDelay()
+    channel_delay: Delay = Delay()
     low_pass: LowPass = LowPass()
     clock: Annotated[Share, Field(gt=-0.1, lt=0.1)] = 0.0
     """Relative error of the recording's clock against the controller's, positive if fast."""
