@@ -225,7 +225,7 @@ def numbers(
     """
     table: list[list[float]] = []
     known: dict[str, list[float]] = {}
-    empty = True
+    empty, one = True, what.removesuffix("s")
     for k, line in enumerate(text, start=first):
         code = line.partition(comment)[0].strip() if comment else line
         if comment and not code:
@@ -236,11 +236,11 @@ def numbers(
             cells = code.split(separator)
             if len(cells) != count:
                 raise TableError(f"line {k}: {len(cells)} {what} where there are {count}")
-            row = _ordinary(code, cells) or _finite_numbers(cells, k, what.removesuffix("s"))
+            row = _ordinary(code, cells) or [number(cell.strip(), k, one) for cell in cells]
             if len(known) < _KNOWN:
                 known[key] = row
         elif timed:
-            row = [number(time, k, what.removesuffix("s")), *row[1:]]
+            row = [number(time, k, one), *row[1:]]
         table.append(row)
         if len(table) == _ROWS:
             yield np.array(table)
@@ -259,10 +259,6 @@ def _ordinary(row: str, cells: Sequence[str]) -> list[float] | None:
             values = list(map(float, cells))
             return values if max(map(abs, values)) <= LARGEST_NUMBER else None
     return None
-
-
-def _finite_numbers(cells: Sequence[str], line: int, what: str) -> list[float]:
-    return [number(cell.strip(), line, what) for cell in cells]
 
 
 def uniform_rows(blocks: Iterable[Array], settings: Settings) -> Rows:

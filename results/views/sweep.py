@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from functools import partial
+from operator import methodcaller
 
 import numpy as np
 
@@ -66,16 +66,12 @@ def _promised(configuration: RunConfiguration) -> tuple[TableColumn, ...]:
         TableColumn("of", kind="parameter", of="worst_parameter"),
         TableColumn("measuring", "s", of="measuring_time"),
         *(
-            TableColumn(f"for {goal}", "min", digits=3, of=partial(_minutes, place))
+            TableColumn(f"for {goal}", "min", digits=3, of=methodcaller("minutes", place))
             for place, goal in enumerate(configuration.run.goals)
         ),
         TableColumn("search", "s", digits=3, of="cpu_seconds"),
         TableColumn("proved", of="certified", proof=True),
     )
-
-
-def _minutes(place: int, one: SweptDesign) -> float:
-    return one.minutes(place)
 
 
 _SEARCHED = (

@@ -354,7 +354,7 @@ class _Hexapod:
 
     def _compare_homes(self, base: Array, platform: Array, home: tuple[float, ...]) -> None:
         lengths = geometry_at(np.array(home), base, platform).lengths
-        entries = self._of_joints("HOME")
+        entries = [self.ini.entry(joint, "HOME") for joint in _JOINTS]
         if any(entry is None for entry in entries):
             return
         homes = np.array([entry.number() for entry in entries if entry is not None]) * self.unit
@@ -369,9 +369,6 @@ class _Hexapod:
 
     def _metres(self, value: float) -> float:
         return value * self.unit
-
-    def _of_joints(self, key: str) -> list[Entry | None]:
-        return [self.ini.entry(joint, key) for joint in _JOINTS]
 
     def _add_position(self, limits: dict[str, object], size: float) -> None:
         position = {}
