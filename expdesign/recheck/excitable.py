@@ -58,7 +58,7 @@ class Excitable:
 
 
 @lru_cache(maxsize=8)
-def excitable(robot: Robot, names: tuple[str, ...] | None = None, seed: int = 0) -> Excitable:
+def excitable(robot: Robot, names: tuple[str, ...] | None = None) -> Excitable:
     """Return the identifiability of a machine's parameters by random states within its limits.
 
     Results for the last few robots are cached: a study needs them for every estimate.
@@ -68,8 +68,6 @@ def excitable(robot: Robot, names: tuple[str, ...] | None = None, seed: int = 0)
     robot : Robot
     names : tuple of str, optional
         Unknown parameters, in the order of the regressor; by default all.
-    seed : int
-        Of the states.
     """
     every = robot.parameter_names
     names = every if names is None else names
@@ -77,7 +75,7 @@ def excitable(robot: Robot, names: tuple[str, ...] | None = None, seed: int = 0)
     noise = robot.description.noise
     given = None if noise is None else noise.force_covariance
     whiten = np.eye(6) if given is None else whitening(given)
-    white = np.matmul(whiten, robot.regressor(*random_states(robot, STATES, seed))[:, :, columns])
+    white = np.matmul(whiten, robot.regressor(*random_states(robot, STATES))[:, :, columns])
     if len(white) < _FEWEST:
         return Excitable(BaseParameters.each(names), np.zeros(len(names)))
     keep = np.where(robot.parameters[columns] == 0, _ZERO, 1.0)

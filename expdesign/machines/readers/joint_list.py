@@ -38,19 +38,16 @@ _ALLOWED = (
 )
 
 
-def draft_of_points(
-    name: str, source: str, values: Mapping[str, Any], file: Path, unit: str | None = None
-) -> MachineDraft:
+def draft_of_points(name: str, source: str, values: Mapping[str, Any], file: Path) -> MachineDraft:
     """Return the machine with the two sets of six points among named values.
 
     Parameters
     ----------
     name, source : str
     values : mapping
-        Arrays, numbers and texts by dotted names.
+        Arrays, numbers and texts by dotted names; without one named ``unit`` lengths are metres or
+        millimetres by their size.
     file : Path
-    unit : str, optional
-        Unit of the lengths; by default a value named ``unit``, else metres or millimetres by size.
 
     Raises
     ------
@@ -79,9 +76,8 @@ def draft_of_points(
     given = [value for key, value in values.items() if _HEIGHT.search(_words(key))]
     heights = [float(one) for one in given if isinstance(one, int | float)]
     stated = [value for key, value in values.items() if _UNIT.search(_words(key))]
-    if unit is None and stated:
-        unit = str(stated[0])
-    if unit is None:
+    unit = str(stated[0]) if stated else ""
+    if not stated:
         largest = max(float(np.max(np.abs(points))) for points in chosen.values())
         unit = "mm" if largest >= _MILLIMETRES else "m"
         text = f"The file has no unit: its lengths are taken as {unit}. Are they?"
