@@ -259,17 +259,7 @@ def hold_constants(
     Terms of the robot, if one is given, get its constants. Constants of a missing force have no
     effect.
     """
-    known: dict[str, dict[str, dict[str, float]]] = {}
-    if robot is not None:
-        values = iter(robot.description.constants)
-        for term in robot.description.description.terms:
-            known[term.name] = {key: {"value": next(values)} for key in term.constants}
-    found = []
-    for term in candidates:
-        own = known.get(term.name, {})
-        constants = {
-            key: constant.model_copy(update={"estimate": False, **own.get(key, {})})
-            for key, constant in term.constants.items()
-        }
-        found.append(term.model_copy(update={"constants": constants}))
-    return tuple(found)
+    known = {} if robot is None else robot.description.constants_by_term
+    return tuple(
+        term.with_constants(known.get(term.name, {}), estimate=False) for term in candidates
+    )

@@ -225,16 +225,10 @@ class MachineKeys:
     def of(cls, robot: Robot) -> Self:
         """Describe a robot."""
         about = robot.description
-        values = iter(about.constants)
-        terms = tuple(
-            {term.name: {constant.name: next(values) for constant in term.constants}}
-            if term.constants
-            else term.name
-            for term in about.terms
-        )
+        known = about.constants_by_term
         return cls(
             name=about.name,
-            terms=terms,
+            terms=tuple({name: own} if own else name for name, own in known.items()),
             base_joints=about.base_joints,
             platform_joints=about.platform_joints,
             alpha_axes=about.alpha_axes,

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo, model_serializer, model_validator
@@ -277,6 +277,14 @@ class TermDescription(Section):
     def definition(self) -> Term:
         """The term of the catalogue."""
         return term_definitions()[self.name]
+
+    def with_constants(self, values: Mapping[str, float], **changes: bool) -> Self:
+        """Return the term with values of constants and changes of all of them."""
+        constants = {
+            key: one.model_copy(update={"value": values.get(key, one.value), **changes})
+            for key, one in self.constants.items()
+        }
+        return self.model_copy(update={"constants": constants})
 
     @model_serializer
     def _serialize(self) -> str | dict[str, Any]:

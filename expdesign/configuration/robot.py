@@ -160,6 +160,12 @@ class ResolvedRobot:
         return tuple(self.parameters)
 
     @property
+    def constants_by_term(self) -> Mapping[str, Mapping[str, float]]:
+        """Constants of every term by their names."""
+        values = iter(self.constants)
+        return {one.name: {c.name: next(values) for c in one.constants} for one in self.terms}
+
+    @property
     def lacking_terms(self) -> Mapping[str, tuple[float, ...]]:
         """Constants of the terms that the robot lacks and whose parameters have a tolerance.
 

@@ -260,18 +260,12 @@ def apply_deviations(robot: Robot, chosen: Sequence[Deviation], values: Array) -
 
 def as_in_a_file(robot: ResolvedRobot) -> RobotDescription:
     """Return the robot file's description of a robot with deviations."""
-    constants = iter(robot.constants)
-    terms = []
-    for term in robot.description.terms:
-        values = {
-            name: constant.model_copy(update={"value": next(constants)})
-            for name, constant in term.constants.items()
-        }
-        terms.append(term.model_copy(update={"constants": values}))
+    known, about = robot.constants_by_term, robot.description
+    terms = tuple(term.with_constants(known[term.name]) for term in about.terms)
     names = ("base_joints", "platform_joints")
     joints = {name: tuple(map(tuple, getattr(robot, name).tolist())) for name in names}
     gravity = tuple(robot.gravity.tolist())
-    return robot.description.model_copy(update=joints | {"gravity": gravity, "terms": tuple(terms)})
+    return about.model_copy(update=joints | {"gravity": gravity, "terms": terms})
 
 
 _STATE = 3 * COORDINATES
