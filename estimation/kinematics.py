@@ -36,13 +36,13 @@ from estimation.measurement_model.motion import NormalEquations, Rows, Samples, 
 from estimation.measurement_model.prediction import (
     chunks,
     length_columns,
+    sliding_change_kernel,
     sliding_kernel,
     sliding_rate_kernel,
 )
 from estimation.processing import NoiseEstimate, PeriodicRecording
 from expdesign.configuration import ComputationError
 from expdesign.information.fisher import whitening
-from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import ForwardKinematicsError, Robot
 from expdesign.trajectory import HARMONIC_LEVEL, MOST_HARMONICS, PhaseBasis
 
@@ -473,6 +473,6 @@ def add_time_spread(robot: Robot, sampled: Samples, spread: Array, std: float) -
 
 def _rates_and_spread(robot: Robot, sampled: Samples, std: float) -> tuple[Array, Array]:
     """Return the rates, (S, s), and their standard deviations by that of the time, s."""
-    state = sampled.state()
-    rates, slope = sliding_kernel(robot.terms)(state, robot.geometry_vector)
-    return rates, np.abs(std * (slope @ state[:, COORDINATES:, None])[:, :, 0])
+    kernel = sliding_change_kernel(robot.terms)
+    rates, changes = kernel(sampled.state(), robot.geometry_vector)
+    return rates, np.abs(std * changes)

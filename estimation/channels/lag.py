@@ -57,7 +57,7 @@ class LagSearch:
 
         @cache
         def excess(delay: float, low_pass: float = 0.0) -> float:
-            return model.fit(motion, delay, low_pass).excess(forces)
+            return model.fit_columns(model.columns(motion, delay, low_pass)).excess(forces)
 
         self.model = model
         self.excess = excess
@@ -102,14 +102,14 @@ class LagSearch:
         )
         # The sum of both is known much better than the parts.
         both = minimize(
-            lambda at: self.excess(at[0] * (1 - at[1]), at[0] * at[1]),
-            (lag, 0.5),
+            lambda at: self.excess(lag * at[0] * (1 - at[1]), lag * at[0] * at[1]),
+            (1.0, 0.5),
             method="Nelder-Mead",
-            bounds=((0.0, 2 * lag), (0.0, 1.0)),
+            bounds=((0.0, 2.0), (0.0, 1.0)),
             options={
-                "xatol": digits,
+                "xatol": digits / lag,
                 "fatol": _DIGITS * self.model.least_decrease,
-                "initial_simplex": [(lag, 0.3), (lag, 0.7), (1.1 * lag, 0.5)],
+                "initial_simplex": [(1.0, 0.3), (1.0, 0.7), (1.1, 0.5)],
             },
         )
         clear = _CLEARLY_ONE * self.model.least_decrease
@@ -118,7 +118,7 @@ class LagSearch:
         little = max(clear, _SMALL_PART * (float(slow.fun) - found.excess))
         if found.excess < min(float(slow.fun) - clear, float(both.fun) + little):
             return found
-        total, share = both.x.tolist()
+        total, share = (both.x * (lag, 1.0)).tolist()
         constant = total * share
         return replace(found, delay=total - constant, low_pass=constant, excess=float(both.fun))
 
@@ -146,9 +146,10 @@ def with_channel_lag(model: ChannelModel, present: Candidate) -> Candidate:
     near = model.motion(present.lengths)
     columns = columns_of_lags(model, present, near)
     places = list(product("qQ", range(ACTUATORS)))
-    now, first = columns(None), [columns(ChannelLag(*at, model.step)) for at in places]
-    parameters = model.fit_columns(now).parameters(present.forces)
-    slopes = np.stack([(each - now) @ parameters for each in first], axis=2)
+    now = model.fit(near, present.delay, present.low_pass or 0.0)
+    first = [columns(ChannelLag(*at, model.step)) for at in places]
+    parameters = now.parameters(present.forces)
+    slopes = np.stack([(each - now.columns) @ parameters for each in first], axis=2)
     if model.largest_share(slopes, present, now) < OF_LAG * model.least_decrease:
         return present
 

@@ -15,6 +15,7 @@ from estimation.channels.wiring import (
     DETERMINED,
     ORDERS,
     OTHER_GAIN,
+    PAIRS_OF_ORDERS,
     SPREADS,
     STRUTS,
     UNITS,
@@ -36,6 +37,8 @@ from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
 _FORCE_ROWS, _LENGTH_ROWS = 1000, 256
 """Largest number of rows in use: means over periods, or single samples."""
+_ROWS_TOGETHER = 4000
+"""Rows of delays that are evaluated at once; more need memory beyond the processor's cache."""
 _STEPS = 12
 _DAMPING = 1e-9
 _REACHED = 1e-6
@@ -134,6 +137,8 @@ class ChannelModel:
         self._to_series = np.asarray(np.linalg.pinv(basis.value), np.float64)
         self._scale = np.repeat([1.0, 1 / robot.characteristic_length], COORDINATES // 2)
         self.period = recording.period
+        self._motions: dict[Wiring, HarmonicMotion] = {}
+        self._last_fit: tuple[tuple[HarmonicMotion, float, float], ForceFit] | None = None
 
     def _find_unit(self) -> float | None:
         """Return the unit of the lengths, relative to that stated, with which most are possible."""
@@ -158,8 +163,17 @@ class ChannelModel:
 
         Damped Newton steps, one row at a time, from a near motion or from home; lengths that no
         pose has end at a near one. With the lag of one of the lengths, its readings are shifted
-        along their Fourier series.
+        along their Fourier series. One from home is computed once.
         """
+        if near is not None or lag is not None:
+            return self._solve_motion(lengths, near, lag)
+        if lengths not in self._motions:
+            self._motions[lengths] = self._solve_motion(lengths, None, None)
+        return self._motions[lengths]
+
+    def _solve_motion(
+        self, lengths: Wiring, near: HarmonicMotion | None, lag: ChannelLag | None
+    ) -> HarmonicMotion:
         wanted = lengths.apply(self.readings) + self.zeros
         if lag is not None and lag.group == "q":
             now, late = (
@@ -191,17 +205,23 @@ class ChannelModel:
         of squares a minimum wherever a sample passes a jump, and the deepest fits the noise; behind
         a filter samples do not show such jumps either.
         """
-        nodes, weights = _LOW_PASS if low_pass else ([0.0], [1.0])
-        sampled = [motion.at(self.force_times - delay - low_pass * x) for x in nodes]
-        if delay or low_pass or self._filtered:
-            kernel, std = held_regressor_kernel(self.robot.terms), self.step / float(np.sqrt(12))
-            signs = (signs_about(self.robot, one, std) for one in sampled)
-            pairs = zip(sampled, signs, strict=True)
-            columns = [kernel(one.state(), own, self.robot.machine)[0] for one, own in pairs]
-        else:
-            states = (np.split(one.state(), 3, axis=1) for one in sampled)
-            columns = [self.robot.regressor(*state) for state in states]
-        return self.whiten(np.tensordot(weights, columns, axes=1))
+        if not (delay or low_pass or self._filtered):
+            state = np.split(motion.at(self.force_times).state(), 3, axis=1)
+            return self.whiten(self.robot.regressor(*state))
+        nodes, weights = _LOW_PASS if low_pass else (np.zeros(1), np.ones(1))
+        times = self.force_times - delay - low_pass * nodes[:, None]
+        kernel, std = held_regressor_kernel(self.robot.terms), self.step / float(np.sqrt(12))
+        pieces = min(len(nodes), -(-times.size // _ROWS_TOGETHER))
+        found = np.zeros(())
+        for late, shares in zip(
+            np.array_split(times, pieces), np.array_split(weights, pieces), strict=True
+        ):
+            sampled = motion.at(late.ravel())
+            signs = signs_about(self.robot, sampled, std)
+            columns = kernel(sampled.state(), signs, self.robot.machine)[0]
+            by_delay = columns.reshape(*late.shape, *columns.shape[1:])
+            found = found + np.tensordot(shares, by_delay, axes=1)
+        return self.whiten(found)
 
     def whiten(self, rows: Array) -> Array:
         """Return forces (R, 6), or columns (R, 6, m), over the spectrum of coloured noise."""
@@ -211,8 +231,14 @@ class ChannelModel:
         return np.fft.irfft(np.fft.rfft(rows, axis=0) / scale, len(rows), axis=0)
 
     def fit(self, motion: HarmonicMotion, delay: float = 0.0, low_pass: float = 0.0) -> ForceFit:
-        """Return the fits of the forces along a motion, behind a delay and a low pass, s."""
-        return self.fit_columns(self.columns(motion, delay, low_pass))
+        """Return the fits of the forces along a motion, behind a delay and a low pass, s.
+
+        The last ones are kept.
+        """
+        at = motion, delay, low_pass
+        if self._last_fit is None or self._last_fit[0] != at:
+            self._last_fit = at, self.fit_columns(self.columns(*at))
+        return self._last_fit[1]
 
     def fit_columns(self, columns: Array) -> ForceFit:
         """Return the fits of the forces by columns, (R, 6, m)."""
@@ -314,11 +340,9 @@ class ChannelModel:
         And the square of the cosine between both: whether they differ by a factor at all.
         """
         motion = self.motion(candidate.lengths)
-        columns = self.columns(motion, candidate.delay, candidate.low_pass or 0.0)
-        fit = self.fit_columns(columns)
-        explained, nominal = (
-            columns @ values for values in (fit.parameters(candidate.forces), self.robot.parameters)
-        )
+        fit = self.fit(motion, candidate.delay, candidate.low_pass or 0.0)
+        explained = fit.columns @ fit.parameters(candidate.forces)
+        nominal = fit.columns @ self.robot.parameters
         own, both = float(np.sum(nominal**2)), float(np.sum(explained * nominal))
         return both / own, both**2 / own / float(np.sum(explained**2))
 
@@ -327,12 +351,12 @@ class ChannelModel:
         fit = self.fit(self.motion(found.lengths), found.delay, found.low_pass or 0.0)
         return fit.fit_gains(found.forces)[1]
 
-    def largest_share(self, shapes: Array, present: Candidate, columns: Array) -> float:
+    def largest_share(self, shapes: Array, present: Candidate, fit: ForceFit) -> float:
         """Return the largest share of the forces that one of some shapes, (R, 6, n), explains.
 
-        It is in addition to the columns, (R, 6, m), of a wiring.
+        It is in addition to the columns of a fit.
         """
-        fit = self.fit_columns(columns)
+        columns = fit.columns
         rest = present.forces.apply(self.forces) - columns @ fit.parameters(present.forces)
         own = np.einsum("rim,rin->nm", columns, shapes, optimize=True) @ fit.root
         energies = np.einsum("rin,rin->n", shapes, shapes)
@@ -356,12 +380,13 @@ class ChannelModel:
         turns = np.exp(1j * np.outer(phases, np.arange(1, harmonics + 1)))
         sizes = np.linalg.norm(wanted, axis=0)[:, None] * np.linalg.norm(found, axis=0)
         products = np.einsum("tk,ki,kj->tij", turns, wanted.conj(), found, optimize=True).real
-        alike = (products / sizes)[:, STRUTS, ORDERS]
-        unlike = np.sum(1 - np.abs(alike), axis=2)
+        alike = products / sizes
+        unlike = ACTUATORS - np.abs(alike).reshape(_PHASES, -1) @ PAIRS_OF_ORDERS
         time, order = np.unravel_index(int(np.argmin(unlike)), unlike.shape)
-        signs, best = np.sign(alike[time, order]), float(unlike[time, order])
+        turned = np.sign(alike[:, STRUTS, ORDERS[order]])
+        signs, best = turned[time], float(unlike[time, order])
         same = np.zeros(unlike.shape, dtype=bool)
-        same[:, order] = np.all(np.sign(alike[:, order]) == signs, axis=1)
+        same[:, order] = np.all(turned == signs, axis=1)
         if best > _UNLIKE or float(np.min(unlike[~same])) < _CLEARLY * best:
             return None
         channels = ORDERS[order]

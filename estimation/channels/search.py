@@ -178,20 +178,19 @@ class ChannelSearch:
         The effects are a constant force, a spring, a gain and an inertia.
         """
         motion = self.model.motion(present.lengths)
-        columns = self.model.columns(motion, present.delay, present.low_pass or 0.0)
-        parameters = self.model.fit_columns(columns).parameters(present.forces)
+        fit = self.model.fit(motion, present.delay, present.low_pass or 0.0)
         state = np.split(motion.at(self.model.force_times).state(), 3, axis=1)
         struts = self.model.robot.strut_motion(*state)
         shapes = (
             np.ones_like(self.model.forces),
             struts.length - np.mean(struts.length, axis=0),
-            self.model.robot.regressor(*state) @ parameters,
+            self.model.robot.regressor(*state) @ fit.parameters(present.forces),
             struts.length_acceleration,
         )
         own = np.concatenate(
             [self.model.whiten(each)[:, :, None] * _EACH for each in shapes], axis=2
         )
-        most = self.model.largest_share(own, present, columns)
+        most = self.model.largest_share(own, present, fit)
         return present.excess - found.excess > max(self.model.least(found), most)
 
     def _neighbours(self, present: Candidate, known: bool) -> Iterator[tuple[Wiring, float]]:

@@ -25,6 +25,8 @@ _STEPS = 12
 _REACHED = 1e-9
 STRUTS = np.arange(ACTUATORS)
 ORDERS = np.array(list(permutations(range(ACTUATORS))))
+PAIRS_OF_ORDERS = np.eye(ACTUATORS)[ORDERS].reshape(len(ORDERS), -1).T
+"""(36, 720), 1 where strut i is on channel j."""
 _SIGNS = np.array([(1, *signs) for signs in product((1, -1), repeat=ACTUATORS - 1)])
 UNITS = {1.0: "m", 1e-3: "mm", 1e-2: "cm", 0.0254: "in", 1e-6: "µm"}
 """Units of length, by their size in m."""
@@ -38,7 +40,10 @@ _ROUND = 0.03
 
 @dataclass(frozen=True, eq=False)
 class Wiring:
-    """Readings of six struts, gain · channel + offset."""
+    """Readings of six struts, gain · channel + offset.
+
+    Wirings of the same numbers are equal.
+    """
 
     channels: NDArray[np.intp]
     """(6,), measured channel of each strut, from zero."""
@@ -46,6 +51,16 @@ class Wiring:
     """(6,), signed; 1: as measured."""
     offsets: Array
     """(6,), m or N; 0: as measured."""
+
+    @cached_property
+    def _content(self) -> tuple[bytes, ...]:
+        return self.channels.tobytes(), self.gains.tobytes(), self.offsets.tobytes()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Wiring) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
 
     @classmethod
     def as_measured(cls) -> Wiring:
@@ -108,42 +123,51 @@ class Candidate:
 
 
 class ForceFit:
-    """Fits of the measured forces, (R, 6), by columns A, (R, 6, m), under all wirings.
-
-    Attributes
-    ----------
-    projections : (6, 6, k)
-        Force in channel j, projected on the parameters by the regressor of strut i.
-    """
+    """Fits of the measured forces, (R, 6), by columns A, (R, 6, m), under all wirings."""
 
     def __init__(self, columns: Array, forces: Array, variances: Array) -> None:
-        by_strut = columns.transpose(1, 2, 0)
-        self._information = by_strut @ by_strut.transpose(0, 2, 1)
-        root = root_of_pseudo_inverse(np.sum(self._information, axis=0), DETERMINED)
-        self.root = root
-        self._moments = by_strut @ forces
-        self.projections = np.einsum("imj,mk->ijk", self._moments, root, optimize=True)
+        self.columns, self._forces, self._variances = columns, forces, variances
+        self._rows = columns.reshape(-1, columns.shape[2])
+        self.root = root_of_pseudo_inverse(self._rows.T @ self._rows, DETERMINED)
         self.energies = np.sum(forces**2, axis=0)
-        self._variances, self._rows = variances, len(forces)
 
     def excess(self, forces: Wiring) -> float:
         """Return the unexplained share of the forces beyond the expected noise."""
-        picked, gains = self.projections[STRUTS, forces.channels], forces.gains
         total, noise = (
-            float(each[forces.channels] @ gains**2) for each in (self.energies, self._variances)
+            float(each[forces.channels] @ forces.gains**2)
+            for each in (self.energies, self._variances)
         )
-        return (total - float(np.sum((gains @ picked) ** 2)) - noise) / total
+        return (total - float(np.sum(self._project(forces) ** 2)) - noise) / total
 
     def parameters(self, forces: Wiring) -> Array:
         """Return the fitted parameters, (m,)."""
-        picked = self.projections[STRUTS, forces.channels]
-        return np.asarray(self.root @ (forces.gains @ picked), np.float64)
+        return np.asarray(self.root @ self._project(forces), np.float64)
+
+    def _project(self, forces: Wiring) -> Array:
+        return np.asarray((forces.apply(self._forces).ravel() @ self._rows) @ self.root)
+
+    @cached_property
+    def _by_strut(self) -> Array:
+        """(6, m, R), columns of each strut."""
+        return self.columns.transpose(1, 2, 0)
+
+    @cached_property
+    def _information(self) -> Array:
+        """(6, m, m), of each strut."""
+        return self._by_strut @ self._by_strut.transpose(0, 2, 1)
+
+    @cached_property
+    def _moments(self) -> Array:
+        """(6, m, 6), columns of strut i times the force in channel j."""
+        return self._by_strut @ self._forces
 
     @cached_property
     def _products(self) -> Array:
         """(720, 6, 6), products of the projections of two struts under every order."""
-        picked = self.projections[STRUTS, ORDERS]
-        return picked @ picked.transpose(0, 2, 1)
+        projections = self._moments.transpose(0, 2, 1) @ self.root
+        every = projections.reshape(ACTUATORS**2, -1)
+        places = ACTUATORS * STRUTS + ORDERS
+        return (every @ every.T)[places[:, :, None], places[:, None]]
 
     @cached_property
     def explained(self) -> Array:
@@ -217,7 +241,7 @@ class ForceFit:
         predicted = np.einsum("m,imn,n->i", parameters, self._information, parameters)
         rest = self.energies[forces.channels] + reciprocal**2 * predicted
         rest = rest - 2 * reciprocal * (moments @ parameters)
-        variances = rest / max(self._rows - len(parameters) / ACTUATORS, 1.0)
+        variances = rest / max(len(self._forces) - len(parameters) / ACTUATORS, 1.0)
         spread = inverse @ np.tensordot(variances, energies, axes=1) @ inverse
         errors[scaled] = np.sqrt(np.abs(np.diag(spread))) / reciprocal[scaled]
         far = np.abs(np.log(reciprocal)) > np.log(OTHER_GAIN) + SPREADS * errors

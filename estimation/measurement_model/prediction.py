@@ -53,6 +53,15 @@ def sliding_kernel(terms: tuple[Term, ...]) -> Graph:
 
 
 @kernel
+def sliding_change_kernel(terms: tuple[Term, ...]) -> Graph:
+    """State (18) → the rates (s) of dry friction and their derivatives to the time (s)."""
+    graph = hexapod_graph(terms)
+    moving = ca.vertcat(graph.pose, graph.rate)
+    changes = ca.jtimes(graph.sliding, moving, ca.vertcat(graph.rate, graph.acceleration))
+    return Graph("sliding_change", [graph.state], [graph.geometry.vector], [graph.sliding, changes])
+
+
+@kernel
 def sliding_rate_kernel(terms: tuple[Term, ...]) -> Graph:
     """State (18) → the rates (s) of dry friction."""
     graph = hexapod_graph(terms)
