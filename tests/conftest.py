@@ -15,12 +15,29 @@ import time
 from pathlib import Path
 
 import pytest
+from _pytest.mark.expression import Expression
 from hypothesis import settings
 
 # How long an example takes is not what is tested; continuous integration draws the same ones.
 settings.register_profile("local", deadline=None, max_examples=50)
 settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "local")
+
+MARKS = ("slow", "system", "full")
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Import no file without marks where a test without one is not selected: three in four."""
+    selected = config.option.markexpr
+    if not selected or Expression.compile(selected).evaluate(lambda *_, **__: False):
+        return None
+    return (collection_path.suffix == ".py" and not _is_marked(collection_path)) or None
+
+
+@functools.cache
+def _is_marked(file):
+    text = file.read_text(encoding="utf-8")
+    return any(f"mark.{name}" in text for name in MARKS)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -38,6 +55,9 @@ def pytest_collection_modifyitems(items):
     Tests that need programs come last: these may be installed while the others run.
     """
     slow = {item.path for item in items if item.get_closest_marker("slow")}
+    for item in items:
+        if any(map(item.get_closest_marker, MARKS)) and not _is_marked(item.path):
+            raise pytest.UsageError(f"{item.path}: write `pytest.mark.` with the mark in this file")
 
     def place(item):
         return item.get_closest_marker("system") is not None, item.path not in slow, item.path
