@@ -29,7 +29,6 @@ from estimation.diagnostics.joint_system import (
     EffectFit,
     JointSystem,
     Places,
-    RowWhitening,
     motion_last,
 )
 from estimation.diagnostics.linearisation import (
@@ -40,6 +39,7 @@ from estimation.diagnostics.linearisation import (
 from estimation.diagnostics.residual_covariance import empirical_noise, with_empirical_colour
 from estimation.diagnostics.residuals import HarmonicLackOfFit, harmonic_lack_of_fit
 from estimation.diagnostics.significance import HARMONIC_LACK_OF_FIT, are_possible, log_tail
+from estimation.diagnostics.whitened_rows import RowWhitening
 from estimation.estimators import Experiment, ParameterPriors
 from estimation.measurement_model.motion import (
     Elimination,
@@ -309,9 +309,9 @@ class RecordingInformation:
     total: Elimination
     """With the motion eliminated."""
     columns: Array
-    """(u,), zᵀ W z of the forces' columns, with the noise's own spectrum."""
+    """(k,), zᵀ W z of the parameters' columns, with the noise's own spectrum."""
     columns_white: Array
-    """(u,), zᵀ W z under white noise of the same covariance."""
+    """(k,), zᵀ W z under white noise of the same covariance."""
     samples: float
     """Number of single samples of the forces."""
     _system: JointSystem
@@ -327,12 +327,15 @@ class RecordingInformation:
         count = int(np.count_nonzero(part.free))
         system = JointSystem.of(part, noise).with_effects(deviations)
         order, kept = motion_last(system, count, deviations.count), count + deviations.count
-        white = RowWhitening.of(noise.forces.as_white(), part.counts)
-        columns_white = np.sum(white(part.regressors[:, :, part.free]) ** 2, axis=(0, 1))
+        own = part.regressors[:, :, part.free]
+        columns, columns_white = (
+            np.sum(RowWhitening.of(each, part.counts)(own) ** 2, axis=(0, 1))
+            for each in (noise.forces, noise.forces.as_white())
+        )
         return cls(
             total=system.equations.select(order).eliminate(kept),
-            columns=np.sum(system.force_columns[:, :, order[:kept]] ** 2, axis=(0, 1)),
-            columns_white=np.pad(columns_white, (0, deviations.count)),
+            columns=columns,
+            columns_white=columns_white,
             samples=float(np.sum(part.counts)),
             _system=system,
             _order=order,
@@ -377,7 +380,7 @@ class RecordingInformation:
         of_lengths = np.moveaxis(lengths.repeats - lengths.values, 0, 2)
         rows = len(system.length_rows.counts)
         single = Signature(experiment.select_rows(own), of_lengths[:rows])
-        gradients = (system.columns.T @ system.whiten(single))[self._order]
+        gradients = (system.columns.T @ system.eliminate_signs(system.whiten(single)))[self._order]
         explained = self.total.slope.T @ gradients[first:]
         return np.asarray(total + gradients[:first] - explained) / count
 

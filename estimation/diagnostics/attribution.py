@@ -28,10 +28,9 @@ from estimation.diagnostics.hypothesis import (
     Family,
     Hypothesis,
     PeriodicForce,
-    PitchScan,
     periodic_force,
 )
-from estimation.diagnostics.joint_system import JointSystem, SolvedSystem
+from estimation.diagnostics.joint_system import JointSystem
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.residuals import HarmonicLackOfFit, LackOfFit
 from estimation.diagnostics.search import (
@@ -40,7 +39,7 @@ from estimation.diagnostics.search import (
     Search,
     column_indices,
     exclude,
-    periodic_fit,
+    periodic_fits,
 )
 from estimation.diagnostics.significance import POSITION_PERIODIC, Strut
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -181,11 +180,16 @@ def attribute(
     if {id(item) for item in found} != {id(item) for item in tested_given}:
         last = search.run_tests(found) if found else first
     effects = _effects(search, found, rivals)
-    known = {e.strut: e.force for e in reversed(effects) if e.force is not None}
-    best_forces = tuple(
-        known[scan.strut] if scan.strut in known else _best_force(last.solution, part, scan)
+    forces = {e.strut: e.force for e in reversed(effects) if e.force is not None}
+    others = [
+        scan
         for scan in last.scans
-    )
+        if scan.strut not in forces and np.isfinite(scan.best_pitch) and scan.best > 0
+    ]
+    fits = periodic_fits(last.solution, part, others)
+    for scan, (_, values, covariance) in zip(others, fits, strict=True):
+        forces[scan.strut] = periodic_force(part, scan.strut, scan.best_pitch, values, covariance)
+    best_forces = tuple(forces.get(scan.strut) for scan in last.scans)
     columns = search.signature.select(column_indices(found))
     return Attribution(families, effects, first, last, columns, best_forces, search.level, response)
 
@@ -288,13 +292,6 @@ def _effects(
             )
         )
     return tuple(effects)
-
-
-def _best_force(solved: SolvedSystem, part: Linearisation, scan: PitchScan) -> PeriodicForce | None:
-    if not np.isfinite(scan.best_pitch) or scan.best <= 0:
-        return None
-    _, values, covariance = periodic_fit(solved, part, scan)
-    return periodic_force(part, scan.strut, scan.best_pitch, values, covariance)
 
 
 def position_periodic_finding(attribution: Attribution) -> Finding:

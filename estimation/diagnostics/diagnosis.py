@@ -262,28 +262,29 @@ def _diagnose_experiment(
     # Effects are also tested in all recordings together.
     several = shares + (shares > 1 and not held_out)
     families = list_hypotheses(case.effects, priors.names, held_out=held_out, experiments=several)
+    searched = search_system.with_tolerances(*tolerated)
     attribution = attribute(
-        search_system.with_tolerances(*tolerated),
+        searched,
         part,
         families,
         experiment.recording.step,
         experiments=shares,
     )
-    tolerant = system.with_tolerances(*tolerated)
-    explained = attribution.last.solution
+    tolerant, explained = searched, attribution.last.solution
     if search_system is not system:
-        explained = tolerant.with_effects(attribution.columns).solution
+        tolerant = system.with_tolerances(*tolerated)
+        explained = tolerant.solution.with_effects(attribution.columns)
+    given = _joint_residuals(experiment, explained)
     if held_out and not tolerated[0].count and not case.recoloured:
         own = held_out_residual_covariance(case.filtered, experiment, estimate)
         forces = case.filtered.forces, own
     else:
         # Neither effects of tolerances nor those of other weights are a bias.
         solved = tolerant.solution
-        own = joint_residual_covariance(experiment.noise.forces, part.counts, solved)
-        forces = solved.force_residuals(), own
+        forces = given if solved is explained else _joint_residuals(experiment, solved)
     lengths = _length_residuals(case, system, explained, attribution.columns)
     noises = _noise_tests(case, priors, None if held_out else estimate, NOISE / shares)
-    tests = _tests(case, attribution, explained, (forces, lengths), noises, shares)
+    tests = _tests(case, attribution, (forces, given, lengths), noises, shares)
     if experiment.fit is not None:
         attribution = doubt_effects(
             attribution,
@@ -318,6 +319,12 @@ def _diagnose_experiment(
             stated=(robot.description.tolerances or RobotTolerances()).stated_terms,
         ),
     )
+
+
+def _joint_residuals(experiment: Experiment, solved: SolvedSystem) -> _Residuals:
+    """Return the force residuals of a joint fit with their covariance."""
+    own = joint_residual_covariance(experiment.noise.forces, solved)
+    return solved.force_residuals(), own
 
 
 def _length_residuals(
@@ -370,22 +377,19 @@ def _noise_tests(
 def _tests(
     case: _Case,
     attribution: Attribution,
-    explained: SolvedSystem,
-    residuals: tuple[_Residuals, _Residuals | None],
+    residuals: tuple[_Residuals, _Residuals, _Residuals | None],
     noises: NoiseTests,
     shares: int,
 ) -> RecordingTests:
     """Test forces and lengths at 1/`shares` of the levels.
 
-    `explained` is the fit with all effects found; `residuals` are those of forces and lengths.
+    `residuals` are those of forces, of forces given all effects found, and of lengths.
     """
     report_progress("diagnosis: tests of the residuals")
     experiment, part = case.experiment, case.filtered
-    (forces, lengths), level = residuals, NOISE / shares
+    (forces, given, lengths), level = residuals, NOISE / shares
     first, last = attribution.first, attribution.last
-    rest = explained.force_residuals()
-    rest_covariance = joint_residual_covariance(experiment.noise.forces, part.counts, explained)
-    both = (forces, (rest, rest_covariance))
+    both = (forces,) if forces is given else (forces, given)
     lack = [
         lack_of_fit(part, own, residuals=values, level=LACK_OF_FIT / shares) for values, own in both
     ]
@@ -411,9 +415,9 @@ def _tests(
         held_out=case.held_out,
         harmonics_left_out=0,
         settled=experiment.settled,
-        chi_square=ChiSquares(sizes[0], sizes[1], length_size),
+        chi_square=ChiSquares(sizes[0], sizes[-1], length_size),
         lack_of_fit=lack[0],
-        lack_of_fit_with_effects=lack[1],
+        lack_of_fit_with_effects=lack[-1],
         harmonic_lack_of_fit=harmonic[0],
         harmonic_lack_of_fit_with_effects=harmonic[-1],
         variance_comparison=variance_comparison(experiment, part),
@@ -429,7 +433,7 @@ def _tests(
         gain_drift=gain_drift(experiment, part, GAIN_DRIFT / shares),
         whiteness=replace(
             noises.whiteness,
-            force_residuals=_whiteness(rest, part.counts, rest_covariance, level),
+            force_residuals=_whiteness(given[0], part.counts, given[1], level),
             length_residuals=length_whiteness,
         ),
     )

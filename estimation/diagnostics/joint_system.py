@@ -18,7 +18,7 @@ so that subsets are fitted and compared without returning to the data.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
@@ -27,16 +27,10 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.measurement_model.motion import (
-    NormalEquations,
-    root_of_pseudo_inverse,
-    whiten_rows,
-)
-from estimation.processing import NoiseEstimate, NoiseModel
-from estimation.processing.spectrum import WhiteningFilter
-from expdesign.information.fisher import whitening
+from estimation.diagnostics.whitened_rows import Matrix, RowWhitening, SignElimination
+from estimation.measurement_model.motion import NormalEquations, root_of_pseudo_inverse
+from estimation.processing import NoiseModel
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.noise import lines_of, multiplicity
 
 DETERMINED = 1e-12
 """Smallest eigenvalue of the scaled J, relative to the largest, of independent columns."""
@@ -50,7 +44,8 @@ Places = NDArray[np.intp]
 class JointSystem:
     """Whitened rows of one experiment, first the forces', with their normal equations.
 
-    The unknowns are free parameters, motion, signs of friction, and included effects.
+    The unknowns are free parameters, motion, and included effects; unknown signs of friction are
+    eliminated, and their priors add the last rows.
     """
 
     force_rows: RowWhitening
@@ -62,6 +57,8 @@ class JointSystem:
     """Of these rows, the other experiments and the priors."""
     freedom: float
     """Degrees of freedom of Σ; inf if it was given."""
+    signs: SignElimination | None = None
+    """Of the unknown signs of friction; None: there are none."""
     others: NormalEquations | None = None
     """Information of the other experiments on the free parameters and the deviations with
     tolerances, of which `equations` include the part on the parameters; None: there is no other
@@ -71,21 +68,23 @@ class JointSystem:
     def of(cls, part: Linearisation, noise: NoiseModel) -> JointSystem:
         """Build the system of one experiment, without information on the parameters."""
         known, columns = int(np.count_nonzero(part.free)), part.columns
-        length_columns = np.zeros((*part.length_columns.shape[:2], columns.shape[2]))
-        length_columns[:, :, known : known + part.length_columns.shape[2]] = part.length_columns
+        length_columns = np.pad(part.length_columns, ((0, 0), (0, 0), (known, 0)))
         lengths = np.zeros((0, ACTUATORS)) if part.lengths is None else part.lengths
         rows = (
             RowWhitening.of(noise.forces, part.counts),
             RowWhitening.of(noise.lengths, part.length_counts),
         )
-        precision = np.pad(part.sign_precision, (columns.shape[2] - len(part.sign_precision), 0))
-        return cls.of_rows(
-            rows,
+        signs = None
+        if len(part.sign_precision):
+            signs = SignElimination.of(rows[0], part.sign_errors, part.sign_precision)
+        whitened = (
             _stack(rows, (part.forces, lengths)),
             _stack(rows, (columns, length_columns)),
-            precision,
-            noise.forces.weights_freedom,
         )
+        residuals, columns = (each if signs is None else signs(each) for each in whitened)
+        precision = np.zeros(columns.shape[1])
+        system = cls.of_rows(rows, residuals, columns, precision, noise.forces.weights_freedom)
+        return replace(system, signs=signs)
 
     @classmethod
     def of_rows(
@@ -122,7 +121,7 @@ class JointSystem:
         `precision`, (q,), are their prior precisions 1/std²; `off`, (q,), the prior means less the
         values at which the rows were linearised, zero by default.
         """
-        new = self.whiten(effects)
+        new = self.eliminate_signs(self.whiten(effects))
         cross, own, gradient = self.columns.T @ new, new.T @ new, new.T @ self.residuals
         if precision is not None:
             own += np.diag(precision)
@@ -164,18 +163,40 @@ class JointSystem:
         `precision`, 1/std² of each unknown, is its prior information.
         """
         rows = self.length_rows, replace(self.length_rows, counts=np.zeros(0))
-        own = slice(ACTUATORS * len(self.force_rows.counts), None)
+        own = slice(ACTUATORS * len(self.force_rows.counts), ACTUATORS * self._samples)
         residuals, columns = self.residuals[own], self.columns[own, first:]
         return JointSystem.of_rows(rows, residuals, columns, precision, self.freedom)
 
     def whiten(self, effects: Signature) -> Array:
-        """Return the rows of effects, (n, q)."""
-        return _stack((self.force_rows, self.length_rows), (effects.forces, effects.lengths))
+        """Return the whitened forces and lengths of effects, (6 (R + R'), q)."""
+        rows, seen = np.zeros((ACTUATORS * self._samples, effects.count)), effects.in_lengths
+        forces, lengths = self.split(rows)
+        forces[:] = self.force_rows(effects.forces)
+        if len(seen):
+            lengths[:, :, seen] = self.length_rows(effects.lengths[:, :, seen])
+        return rows
+
+    def eliminate_signs(self, rows: Array) -> Array:
+        """Eliminate the unknown signs of friction from whitened forces and lengths: (n, q)."""
+        return rows if self.signs is None else self.signs(rows)
+
+    def products(self, rows: Array, in_lengths: Places) -> Array:
+        """Return zᵀ U of the rows of effects, (n, q), of which some change lengths: (q, u)."""
+        first, last = ACTUATORS * len(self.force_rows.counts), ACTUATORS * self._samples
+        found = rows[:first].T @ self.columns[:first] + rows[last:].T @ self.columns[last:]
+        found[in_lengths] += rows[first:last, in_lengths].T @ self.columns[first:last]
+        return found
+
+    @property
+    def _samples(self) -> int:
+        """Number R + R' of samples of forces and lengths."""
+        return len(self.force_rows.counts) + len(self.length_rows.counts)
 
     def split(self, rows: Array) -> tuple[Array, Array]:
         """Split rows, (n, …), into those of the forces, (R, 6, …), and of the lengths."""
         count = len(self.force_rows.counts)
-        whole = rows.reshape(len(rows) // ACTUATORS, ACTUATORS, *rows.shape[1:])
+        measured = rows[: ACTUATORS * self._samples]
+        whole = measured.reshape(self._samples, ACTUATORS, *rows.shape[1:])
         return whole[:count], whole[count:]
 
 
@@ -190,7 +211,7 @@ def _stack(rows: tuple[RowWhitening, RowWhitening], values: tuple[Array, Array])
 
 
 def motion_last(system: JointSystem, parameters: int, effects: int) -> Places:
-    """Return the unknowns in the order parameters, effects included last, motion and signs."""
+    """Return the unknowns in the order parameters, effects included last, motion."""
     size = len(system.equations.gradient)
     return np.r_[0:parameters, size - effects : size, parameters : size - effects]
 
@@ -217,9 +238,32 @@ class SolvedSystem:
 
     def project(self, effects: Signature) -> EffectProjection:
         """Project effects onto the part that the unknowns do not explain."""
-        rows = self.system.whiten(effects)
-        mixed = rows.T @ self.system.columns @ self.root
-        return EffectProjection(rows, mixed, self.rest, self.system.freedom)
+        measured = self.system.whiten(effects)
+        rows = self.system.eliminate_signs(measured)
+        whole = np.sum(measured**2, axis=0)
+        mixed = self.system.products(rows, effects.in_lengths) @ self.root
+        return EffectProjection(rows, mixed, whole, self.rest, self.system.freedom)
+
+    def with_effects(self, effects: Signature) -> SolvedSystem:
+        """Include effects among the unknowns."""
+        if not effects.count:
+            return self
+        found, system = self.project(effects), self.system
+        # The inverse of a matrix with further rows and columns, from that of the first ones.
+        root, _ = _root(found.information, found.whole)
+        others = self.root @ (found.mixed.T @ root)
+        nothing = np.zeros((effects.count, self.root.shape[1]))
+        left = found.rows @ root - system.columns @ others
+        solved = SolvedSystem(
+            system.with_effects(effects),
+            np.block([[self.root, -others], [nothing, root]]),
+            self.rest - left @ (root.T @ found.score),
+        )
+        if "explained" in self.__dict__:
+            own = system.force_rows.apply_weights(system.split(left)[0])
+            known = enumerate(self.explained)
+            solved.__dict__["explained"] = [[*each, own[:, j]] for j, each in known]
+        return solved
 
     def fit(self, effects: Signature) -> EffectFit:
         """Fit effects jointly."""
@@ -228,6 +272,14 @@ class SolvedSystem:
     def force_residuals(self) -> Array:
         """Return e*, (R, 6), N, after the filter."""
         return self.system.force_rows.unscale(self.force_rest)
+
+    @cached_property
+    def explained(self) -> list[list[Matrix]]:
+        """Factors F of each actuator: of a column z in it Σ |zᵀ F|² is explained, of zᵀ W z."""
+        system, signs = self.system, self.system.signs
+        own = system.force_rows.apply_weights(system.force_columns) @ self.root
+        others = [[]] * ACTUATORS if signs is None else [[each] for each in signs.weighted]
+        return [[own[:, actuator], *each] for actuator, each in enumerate(others)]
 
 
 def joint_systems(
@@ -271,54 +323,6 @@ def joint_systems(
 
 
 @dataclass(frozen=True, eq=False)
-class RowWhitening:
-    """Scaling of the rows of forces or lengths to unit covariance."""
-
-    white: Array
-    """(6, 6), S with S Σ Sᵀ = 1; Σ is increased by the loss due to its estimation."""
-    counts: Array
-    """(R,), number of samples averaged in each row."""
-    filter: WhiteningFilter | None
-    """Filter applied first, if the noise is coloured."""
-
-    @classmethod
-    def of(cls, noise: NoiseEstimate, counts: Array) -> RowWhitening:
-        """Build the scaling from the noise of one sample."""
-        white = whitening(noise.covariance * noise.weighting_loss)
-        return cls(white, counts, noise.filter)
-
-    def __call__(self, values: Array) -> Array:
-        """Whiten residuals, (R, 6), or columns, (R, 6, q)."""
-        rows = values if self.filter is None else self.filter(values)
-        return whiten_rows(rows, self.white, self.counts)
-
-    def unscale(self, rows: Array) -> Array:
-        """Return whitened rows, (R, 6) or (R, 6, q), in N or m; they remain filtered."""
-        flat = rows.reshape(*rows.shape[:2], -1) / np.sqrt(self.counts)[:, None, None]
-        return np.asarray(np.linalg.solve(self.white, flat)).reshape(rows.shape)
-
-    def apply_weights(self, rows: Array) -> Array:
-        """Return the weighted rows, (R, 6, q), for inner products with unwhitened columns.
-
-        zᵀ times the result is zᵀ W u, for a column z and the whitened rows of u.
-        """
-        values = np.matmul(self.white.T, rows) * np.sqrt(self.counts)[:, None, None]
-        return values if self.filter is None else self.filter.adjoint(values)
-
-    def quadratic(self, actuator: int) -> Callable[[Array, Array], Array]:
-        """Return a function for zᵀ W y of pairs of series in one actuator, (q, R) each: (q,)."""
-        if self.filter is None:
-            column = self.white[:, actuator]
-            weight = float(column @ column) * self.counts
-            return lambda z, y: (z * y) @ weight
-        noise_filter, count = self.filter, float(self.counts[0])
-        gains = np.linalg.norm(self.white @ noise_filter.gain[:, :, actuator].T, axis=0) ** 2
-        weights = count * gains * multiplicity(noise_filter.samples)
-        size = 1.0 if noise_filter.size is None else noise_filter.size[:, actuator]
-        return lambda z, y: weights @ (lines_of((z / size).T).conj() * lines_of((y / size).T)).real
-
-
-@dataclass(frozen=True, eq=False)
 class EffectProjection:
     """Whitened rows of q effects, and their part explained by the unknowns."""
 
@@ -326,6 +330,8 @@ class EffectProjection:
     """(n, q)."""
     mixed: Array
     """(q, r), zᵀ U root, with J⁻¹ = root rootᵀ."""
+    whole: Array
+    """(q,), zᵀ W z, without any unknown."""
     rest: Array
     """(n,), whitened e*."""
     freedom: float
@@ -351,6 +357,7 @@ class EffectProjection:
         appended = EffectProjection(
             np.concatenate([self.rows, other.rows], axis=1),
             np.concatenate([self.mixed, other.mixed]),
+            np.concatenate([self.whole, other.whole]),
             self.rest,
             self.freedom,
         )
@@ -362,9 +369,7 @@ class EffectProjection:
 
     def conditional_on(self, known: Sequence[int] | Places) -> ConditionalScores:
         """Return scores and information conditional on the effects at some indices."""
-        everything = ConditionalScores(
-            self.score, self.information, np.diag(self.gram), self.freedom
-        )
+        everything = ConditionalScores(self.score, self.information, self.whole, self.freedom)
         return everything.conditional_on(known)
 
 

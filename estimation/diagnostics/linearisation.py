@@ -18,7 +18,7 @@ over the same cells; the load of the actuators is that of the estimate.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -30,6 +30,7 @@ from scipy import sparse
 from scipy.special import ndtri
 
 from constraints.arrays import Array
+from estimation.diagnostics.whitened_rows import Matrix, dense
 from estimation.estimators.experiment import (
     UNSURE,
     Experiment,
@@ -135,9 +136,9 @@ class Linearisation:
     """(R, 6, x), G; x = 0 after pointwise kinematics."""
     free: NDArray[np.bool_]
     """(m,), parameters that were estimated."""
-    sign_errors: Array
-    """(R, 6, s), errors of the predicted forces due to unknown signs of dry friction, N: each
-    column has an unknown factor of unit variance."""
+    sign_errors: Matrix
+    """(6 R, s), errors of the predicted forces due to unknown signs of dry friction, N: each
+    column has an unknown factor of unit variance. They remain unfiltered."""
     sign_precision: Array
     """(s,), prior precision of these factors in a fit: a sign that is almost certain is either
     right or wrong by 2, an error of many standard deviations. A fit allows for it."""
@@ -163,20 +164,27 @@ class Linearisation:
 
     @property
     def columns(self) -> Array:
-        """(R, 6, k + x + s), columns of the free parameters, the motion, and unknown signs."""
-        known = self.regressors[:, :, self.free], self.motion_columns, self.sign_errors
-        return np.concatenate(known, axis=2)
+        """(R, 6, k + x), columns of the free parameters and the motion."""
+        return np.concatenate([self.regressors[:, :, self.free], self.motion_columns], axis=2)
 
     @property
     def sign_variance(self) -> Array:
         """(R, 6), variance of the predicted force due to unknown signs of dry friction, N²."""
-        return np.sum(self.sign_errors**2, axis=2)
+        variance = (self.sign_errors**2).sum(axis=1)
+        return np.asarray(variance).reshape(self.forces.shape)
+
+    def filter_signs(self, operation: Callable[[Array], Array] | None) -> Matrix:
+        """Return the errors due to unknown signs, (6 R, s), after a filter of series, (R, 6, …)."""
+        if operation is None:
+            return self.sign_errors
+        whole = dense(self.sign_errors)
+        return operation(whole.reshape(*self.forces.shape, -1)).reshape(whole.shape)
 
     def apply_filters(self, noise: NoiseModel) -> Linearisation:
         """Apply the filters that whiten coloured noise."""
         changes: dict[str, Any] = {}
         if noise.forces.filter is not None:
-            names = ("forces", "regressors", "motion_columns", "sign_errors")
+            names = ("forces", "regressors", "motion_columns")
             changes |= {name: noise.forces.filter(getattr(self, name)) for name in names}
         if noise.lengths.filter is not None and self.lengths is not None:
             changes["lengths"] = noise.lengths.filter(self.lengths)
@@ -209,7 +217,7 @@ def linearise(
             raise ValueError("an experiment has a fitted or a pointwise motion")
         state, regressors = experiment.pointwise.state, experiment.fitted_regressors
         slope = np.zeros((len(times), ACTUATORS, 0))
-        sign_errors, sign_precision = np.zeros((len(times), ACTUATORS, 0)), np.zeros(0)
+        sign_errors, sign_precision = sparse.csr_array((ACTUATORS * len(times), 0)), np.zeros(0)
     else:
         state = motion.at(times).state()
         machine, none = PerturbedMachine.exact(robot), np.zeros_like(free)
@@ -266,8 +274,8 @@ def _sign_errors(
     cells: PhaseCells,
     state: Array,
     values: Array,
-) -> tuple[Array, Array]:
-    """Return the columns of unknown signs in the means over the cells, (R, 6, s), N.
+) -> tuple[sparse.csr_array, Array]:
+    """Return the columns of unknown signs in the means over the cells, (6 R, s), N.
 
     A rate has the same error δ at all rows of one reversal. With P = P(rate + δ > 0) the signs of
     two rows then have the covariance 4 (min(P, P') − P P'), a Brownian bridge over P. A delay is a
@@ -281,7 +289,8 @@ def _sign_errors(
     first = np.arange(len(above))
     if cells.index is not None:
         _, first = np.unique(cells.index, return_index=True)
-    columns, precision = [np.zeros((len(above), ACTUATORS, 0))], [np.zeros(0)]
+    size = ACTUATORS * len(above)
+    columns, precision = [sparse.csr_array((size, 0))], [np.zeros(0)]
     for rate, share in enumerate(above.T):
         unsure = np.flatnonzero(4 * share * (1 - share) > UNSURE)
         for rows in np.split(unsure, np.flatnonzero(np.diff(unsure) > 1) + 1):
@@ -295,12 +304,13 @@ def _sign_errors(
             bridge = np.minimum.outer(inside, inside) - np.multiply.outer(inside, inside)
             variances, modes = np.linalg.eigh(4 * (bridge - np.multiply.outer(late, late)))
             kept = variances > UNSURE
-            found = np.zeros((len(above), ACTUATORS, int(np.count_nonzero(kept))))
             factors = modes[:, kept] * np.sqrt(variances[kept])
-            found[rows] = jumps[:, :, rate, None] * factors[:, None]
-            columns.append(found)
+            errors = jumps[:, :, rate, None] * factors[:, None]
+            own = sparse.coo_array(errors.reshape(-1, errors.shape[2]))
+            places = own.row + ACTUATORS * rows[0], own.col
+            columns.append(sparse.csr_array((own.data, places), shape=(size, own.shape[1])))
             precision.append(np.minimum(variances[kept], 1.0))
-    return np.concatenate(columns, axis=2), np.concatenate(precision)
+    return sparse.hstack(columns, format="csr"), np.concatenate(precision)
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,6 +345,11 @@ class Signature:
     def count(self) -> int:
         """Number of effects, q."""
         return self.forces.shape[2]
+
+    @property
+    def in_lengths(self) -> NDArray[np.intp]:
+        """Indices of the effects that change lengths."""
+        return np.flatnonzero(np.any(self.lengths, axis=(0, 1)))
 
     def select(self, places: Sequence[int] | NDArray[np.intp]) -> Signature:
         """Return the effects at these indices."""

@@ -13,20 +13,23 @@ and a prediction of held-out data those with Cov(e_j) = σ_j² 1 + U_j Cov(g) U_
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg as sla
+from scipy import sparse
 
 from constraints.arrays import Array
 from estimation.diagnostics.joint_system import SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation, Signature
+from estimation.diagnostics.whitened_rows import Matrix, by_actuator, dense
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.result import ParameterEstimate
 from estimation.processing import NoiseEstimate, NoiseModel
 from estimation.processing.noise import ENOUGH_FREEDOM
 from estimation.processing.periodic_recording import Channels
+from expdesign.mechanism.hexapod import ACTUATORS
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,24 +42,35 @@ class ResidualCovariance:
     each channel."""
     fitted: bool
     """Whether the unknowns were fitted to these residuals: that reduces their variance."""
+    signs: Sequence[Matrix] = ()
+    """(R, s) of each channel, the same of unknown signs of friction; empty: there are none."""
 
     @classmethod
     def of(
-        cls, noise: NoiseEstimate, columns: Array, root: Array, *, fitted: bool
+        cls,
+        noise: NoiseEstimate,
+        columns: Array,
+        root: Array,
+        *,
+        fitted: bool,
+        signs: Sequence[Matrix] = (),
     ) -> ResidualCovariance:
         """Return the covariance with unknowns of covariance root rootᵀ, (u, r).
 
         `columns`, (R, 6, u), are U times the square roots of the counts.
         """
-        return cls(noise, np.matmul(columns.transpose(1, 0, 2), root), fitted)
+        return cls(noise, np.matmul(columns.transpose(1, 0, 2), root), fitted, signs)
 
     @property
     def _sign(self) -> float:
         return -1.0 if self.fitted else 1.0
 
+    def _factors(self, channel: int) -> list[Matrix]:
+        return [self.spread[channel], *self.signs[channel : channel + 1]]
+
     def weights(self, channel: int) -> Array:
         """Return the eigenvalues of B = Cov(e_j) / σ_j², (R,): variances of independent parts."""
-        own = self.spread[channel]
+        own = np.concatenate([dense(each) for each in self._factors(channel)], axis=1)
         gram = own @ own.T if own.shape[0] < own.shape[1] else own.T @ own
         variance = float(self.noise.covariance[channel, channel])
         added = self._sign * np.linalg.eigvalsh(gram) / variance
@@ -64,27 +78,39 @@ class ResidualCovariance:
 
     def lagged_covariance(self, channel: int, lag: int) -> float:
         """Return Σ_t Cov(e_t, e_{t + lag}) / σ_j² of one channel, without the noise itself."""
-        own = self.spread[channel]
-        product = self._sign * float(own[: len(own) - lag].ravel() @ own[lag:].ravel())
-        return product / float(self.noise.covariance[channel, channel])
+        product = sum(
+            _inner(own[: own.shape[0] - lag], own[lag:]) for own in self._factors(channel)
+        )
+        return self._sign * product / float(self.noise.covariance[channel, channel])
 
     def expected_sum(self, inverse: Array) -> float:
         """Return E Σ eᵀ Σ⁻¹ e, given Σ⁻¹ of the noise, (6, 6): 6 R less the fitted freedom."""
-        rows = self.spread.reshape(len(self.spread), -1)
         size = self.spread.shape[0] * self.spread.shape[1]
-        return size + self._sign * float(np.sum(inverse * (rows @ rows.T)))
+        added = sum(
+            inverse[i, j] * _inner(own, other)
+            for factors in (self.spread, self.signs)
+            for i, own in enumerate(factors)
+            for j, other in enumerate(factors)
+        )
+        return size + self._sign * added
 
 
-def joint_residual_covariance(
-    noise: NoiseEstimate, counts: Array, solved: SolvedSystem
-) -> ResidualCovariance:
+def _inner(one: Matrix, other: Matrix) -> float:
+    """Return the sum of the products of all elements."""
+    if isinstance(one, sparse.sparray):
+        return float(one.multiply(other).sum())
+    return float(one.ravel() @ other.ravel())
+
+
+def joint_residual_covariance(noise: NoiseEstimate, solved: SolvedSystem) -> ResidualCovariance:
     """Return the covariance of e*, the residuals after the joint fit of all unknowns.
 
-    `noise` is that of one sample, `counts` the numbers of samples in the rows, (R,).
+    `noise` is that of one sample.
     """
-    system = solved.system
-    columns = system.force_rows.unscale(system.force_columns) * np.sqrt(counts)[:, None, None]
-    return ResidualCovariance.of(noise, columns, solved.root, fitted=True)
+    system, signs = solved.system, solved.system.signs
+    columns = system.force_rows.of_one_sample(system.force_columns)
+    own = () if signs is None else signs.of_one_sample
+    return ResidualCovariance.of(noise, columns, solved.root, fitted=True, signs=own)
 
 
 def held_out_residual_covariance(
@@ -93,10 +119,11 @@ def held_out_residual_covariance(
     """Return the covariance of a prediction's residuals: no unknown was fitted to these forces."""
     own = estimate.covariance[np.ix_(part.free, part.free)]
     motion = np.zeros((0, 0)) if experiment.fit is None else experiment.fit.covariance
-    signs = np.eye(part.sign_errors.shape[2])
-    root = sla.block_diag(root_of_covariance(own), root_of_covariance(motion), signs)
-    columns = part.columns * np.sqrt(part.counts)[:, None, None]
-    return ResidualCovariance.of(experiment.noise.forces, columns, root, fitted=False)
+    root = sla.block_diag(root_of_covariance(own), root_of_covariance(motion))
+    scale, noise = np.sqrt(part.counts), experiment.noise.forces
+    signs = sparse.diags_array(np.repeat(scale, ACTUATORS)) @ part.filter_signs(noise.filter)
+    columns = part.columns * scale[:, None, None]
+    return ResidualCovariance.of(noise, columns, root, fitted=False, signs=by_actuator(signs))
 
 
 def root_of_covariance(covariance: Array) -> Array:
@@ -132,10 +159,9 @@ def refit_lengths(
     motion = first + part.length_columns.shape[2]
     if not force and not np.any(solved.system.split(solved.system.columns)[1][:, :, motion:]):
         return None
-    signs = np.ones(part.sign_errors.shape[2])
-    known = np.concatenate([np.zeros(motion - first), signs, tolerated, np.zeros(found.count)])
+    known = np.concatenate([np.zeros(motion - first), tolerated, np.zeros(found.count)])
     alone = solved.system.restrict_to_lengths(first, known).solution
-    own = joint_residual_covariance(experiment.noise.lengths, part.length_counts, alone)
+    own = joint_residual_covariance(experiment.noise.lengths, alone)
     return alone.force_residuals(), own
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from operator import attrgetter
 
 import numpy as np
@@ -35,7 +36,7 @@ from estimation.diagnostics.joint_system import (
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.significance import are_possible, log_tail
 from expdesign.mechanism.hexapod import ACTUATORS
-from expdesign.progress import track
+from expdesign.progress import report_progress
 
 RIVAL_LEVEL = 0.001
 """Level at which an effect must remain significant, given a rival, to exclude that rival."""
@@ -133,16 +134,13 @@ class Search:
         """Test all candidates, given some known effects."""
         solution = self._solution_given(known)
         conditional = self.projection.conditional_on(column_indices(known))
-        given = f" given {len(known)}" if known else ""
-        struts = track(f"diagnosis: effects{given}, strut by strut", range(ACTUATORS))
-        scans = tuple(self._scan(solution, strut) for strut in struts)
+        report_progress(f"diagnosis: effects, {len(known)} found")
+        scans = tuple(self._scan(solution, strut) for strut in range(ACTUATORS))
         return EffectTests(solution, conditional, scans, self._family_tests(conditional))
 
     def _solution_given(self, known: Sequence[EffectCandidate]) -> SolvedSystem:
         """Return the fit with known effects among its unknowns."""
-        if not known:
-            return self.system.solution
-        return self.system.with_effects(self.signature.select(column_indices(known))).solution
+        return self.system.solution.with_effects(self.signature.select(column_indices(known)))
 
     def _family_tests(self, conditional: ConditionalScores) -> dict[str, HypothesisTest]:
         return {
@@ -154,7 +152,7 @@ class Search:
 
     def _periodic_candidate(self, solution: SolvedSystem, scan: PitchScan) -> EffectCandidate:
         """Return the best pitch of a scan as a candidate."""
-        columns, _, _ = periodic_fit(solution, self.part, scan)
+        ((columns, _, _),) = periodic_fits(solution, self.part, [scan])
         new = Signature.of_forces(self.part, columns)
         family = Hypothesis(**vars(PERIODIC), labels=(), columns=new, level=self.level)
         limit = float(np.log(self.level / ACTUATORS))
@@ -291,6 +289,7 @@ class Search:
         for _ in range(_ROUNDS):
             changed = False
             for number, item in enumerate(found):
+                report_progress(f"diagnosis: rivals of {len(found)} effects")
                 others = exclude(found, item)
                 rivals = self.find_rivals(item, others)
                 own = self.fit_given(item, others)
@@ -395,12 +394,24 @@ def exclude(items: Sequence[EffectCandidate], one: EffectCandidate) -> list[Effe
     return [item for item in items if item is not one]
 
 
-def periodic_fit(
-    solution: SolvedSystem, part: Linearisation, scan: PitchScan
-) -> tuple[Array, Array, Array]:
-    """Fit the best pitch of a strut: three columns, their coefficients and covariance."""
-    fixed = periodic_columns(part, scan.strut, scan.best_pitch, (0.0, 0.0))[:, :, :2]
-    a, b = solution.fit(Signature.of_forces(part, fixed)).values
-    columns = periodic_columns(part, scan.strut, scan.best_pitch, (float(a), float(b)))
-    fit = solution.fit(Signature.of_forces(part, columns))
-    return columns, fit.values, fit.covariance
+def periodic_fits(
+    solution: SolvedSystem, part: Linearisation, scans: Sequence[PitchScan]
+) -> list[tuple[Array, Array, Array]]:
+    """Fit the best pitch of each strut alone: three columns, their coefficients and covariance."""
+
+    def columns_at(coefficients: Sequence[Array]) -> list[Array]:
+        return [
+            periodic_columns(part, scan.strut, scan.best_pitch, (float(each[0]), float(each[1])))
+            for scan, each in zip(scans, coefficients, strict=True)
+        ]
+
+    def fit_each(columns: Sequence[Array]) -> list[EffectFit]:
+        effects = [Signature.of_forces(part, each) for each in columns]
+        found = solution.project(Signature.concatenate([Signature.none(part), *effects]))
+        ends = np.cumsum([0, *(each.count for each in effects)]).tolist()
+        return [found.conditional_on(()).fit(range(*places)) for places in pairwise(ends)]
+
+    waves = [each[:, :, :2] for each in columns_at([np.zeros(2)] * len(scans))]
+    columns = columns_at([each.values for each in fit_each(waves)])
+    fits = fit_each(columns)
+    return [(own, fit.values, fit.covariance) for own, fit in zip(columns, fits, strict=True)]

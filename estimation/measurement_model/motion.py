@@ -421,6 +421,10 @@ class Elimination(NormalEquations):
     """(x, k) and (x,), the motion's step is offset − slope s."""
 
 
+_CLEARLY = 100.0
+"""Error of an estimated condition number, at most."""
+
+
 def root_of_pseudo_inverse(information: Array, least: float) -> Array:
     """Return R, (u, r), with R Rᵀ = F⁺ on the determined combinations of F, (u, u).
 
@@ -432,7 +436,13 @@ def root_of_pseudo_inverse(information: Array, least: float) -> Array:
     [[0.5], [0.0]]
     """
     scaled = ScaledInformation.of(information)
+    scales = np.where(scaled.scales > 0, scaled.scales, 1.0)
+    factor, failed = sla.lapack.dpotrf(scaled.matrix)
+    if not failed:
+        norm = np.linalg.norm(scaled.matrix, 1)
+        if sla.lapack.dpocon(factor, norm)[0] > _CLEARLY * least:
+            # All combinations are determined: the ratio of the eigenvalues is no smaller.
+            return np.asarray(sla.lapack.dtrtri(factor)[0] / scales[:, None])
     values, vectors = np.linalg.eigh(scaled.matrix)
     kept = values > least * values[-1]
-    scales = np.where(scaled.scales > 0, scaled.scales, 1.0)
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]) / scales[:, None])

@@ -75,12 +75,13 @@ def prediction_errors(
     """Return the errors of held-out forces predicted with parameters (m,)."""
     motion = None if experiment.fit is None else experiment.fit.motion
     part = linearise(robot, experiment, values, np.zeros(len(values), dtype=bool), motion)
-    as_recorded = experiment.recording.forces.as_recorded
+    channels = experiment.recording.forces
+    as_recorded, response = channels.as_recorded, channels.response
     part = replace(
         part,
         forces=as_recorded(part.forces),
         motion_columns=as_recorded(part.motion_columns),
-        sign_errors=as_recorded(part.sign_errors),
+        sign_errors=part.filter_signs(None if response is None else as_recorded),
     )
     spans = np.ptp(experiment.fitted_regressors @ values, axis=0)
     return tuple(

@@ -127,7 +127,7 @@ class LinearTwin:
             self.experiment.fit.motion,
         )
         # The linear law is what is tested: unknown signs of friction are no part of the draws.
-        none = self.part.sign_errors[:, :, :0]
+        none = self.part.sign_errors[:, :0]
         self.part = replace(self.part, sign_errors=none, sign_precision=np.zeros(0))
         self.estimates = {"gm": laboratory.estimate([self.experiment], "gm")}
         self.freedom = float((laboratory.periods - 1) * laboratory.samples)
@@ -150,8 +150,8 @@ class LinearTwin:
     def law(self, kind):
         if kind == "held out":
             return held_out_residual_covariance(self.part, self.experiment, self.estimates["gm"])
-        noise, counts = self.experiment.noise.forces, self.part.counts
-        return joint_residual_covariance(noise, counts, self.system(self.part).solution)
+        noise = self.experiment.noise.forces
+        return joint_residual_covariance(noise, self.system(self.part).solution)
 
     def draw(self, rng, kind):
         """Return the linearisation with the residuals that are tested.

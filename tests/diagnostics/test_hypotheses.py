@@ -159,10 +159,11 @@ def test_subsets_are_fitted_as_by_least_squares():
     model, rows, rest = rng.normal(size=(60, 4)), rng.normal(size=(60, 5)), rng.normal(size=60)
     basis, _ = np.linalg.qr(model)
     left = rest - basis @ (basis.T @ rest)
-    projection = EffectProjection(rows, rows.T @ basis, left, np.inf)
-    grown = EffectProjection(rows[:, :2], rows[:, :2].T @ basis, left, np.inf).append(
-        EffectProjection(rows[:, 2:], rows[:, 2:].T @ basis, left, np.inf)
-    )
+
+    def project(some):
+        return EffectProjection(some, some.T @ basis, np.sum(some**2, axis=0), left, np.inf)
+
+    projection, grown = project(rows), project(rows[:, :2]).append(project(rows[:, 2:]))
 
     def squares(columns):
         whole = np.concatenate([model, rows[:, columns]], axis=1)
@@ -177,8 +178,7 @@ def test_subsets_are_fitted_as_by_least_squares():
             assert fit.statistic == pytest.approx(gain, rel=1e-9)
             np.testing.assert_allclose(fit.values, squares([*known, *wanted])[1][len(known) :])
     # A combination of what is known is not seen.
-    doubled = EffectProjection(rows[:, [0, 0]], rows[:, [0, 0]].T @ basis, left, np.inf)
-    assert doubled.conditional_on([0]).fit([1]).rank == 0
+    assert project(rows[:, [0, 0]]).conditional_on([0]).fit([1]).rank == 0
 
 
 # --- what is named --------------------------------------------------------------------------------

@@ -11,8 +11,9 @@ from estimation.diagnostics.hypothesis import (
     periodic_force,
     scan_pitches,
 )
-from estimation.diagnostics.joint_system import JointSystem, RowWhitening
+from estimation.diagnostics.joint_system import JointSystem
 from estimation.diagnostics.linearisation import Signature
+from estimation.diagnostics.whitened_rows import RowWhitening
 
 SAMPLES = 240
 
