@@ -2,9 +2,10 @@
 
 An unmodelled force in one strut also affects the residuals of the others, through biased parameters
 and through correlated noise. Therefore the most significant effect is included among the unknowns,
-and all others are tested again, until none is significant. Then every selected effect is tested
-given the others, and insignificant ones are dropped; an effect is replaced by a candidate that
-explains more in its place. Without effects, the rate of false alarms follows the families' levels.
+and all others are tested again, until none is significant or more than three causes are needed.
+Then every selected effect is tested given the others, and insignificant ones are dropped; an effect
+is replaced by a candidate that explains more in its place. Without effects, the rate of false
+alarms follows the families' levels.
 
 An effect is certain if it has no rival and the effects found explain the residuals. A rival is
 another candidate that, in its place, leaves the effect itself insignificant; rivals are reported
@@ -48,7 +49,7 @@ from expdesign.runfolder import Numbers, OpenNumber, described
 REMAINDER = 0.02
 """Share of the strongest effect's statistic below which another may be its remainder."""
 _MOST = 12
-"""Largest number of effects: with more, the model needs a revision."""
+"""Largest number of effects: one cause may act in all struts."""
 MOST_ALTERNATIVES = 3
 """Largest number of kinds of rivals that the contradiction names."""
 _MOST_CAUSES = 3
@@ -164,21 +165,15 @@ def attribute(
     first = last = search.run_tests(())
     response = search.projection.mixed @ first.solution.root.T
     found: list[EffectCandidate] = []
-    tested_given: list[EffectCandidate] = []  # the known effects of the last tests
     seen: set[frozenset[tuple[str, int | None, str]]] = set()
-    while len(found) < _MOST:
-        best = search.find_most_significant(last, found)
-        if best is None:
-            break
-        found = search.drop_insignificant([*found, best])
-        names = frozenset(item.name for item in found)
-        if names in seen:
-            break
-        seen.add(names)
-        last, tested_given = search.run_tests(found), found
-    found, rivals = search.exchange_for_rivals(found)
-    if {id(item) for item in found} != {id(item) for item in tested_given}:
-        last = search.run_tests(found) if found else first
+    ended = False
+    while not ended:
+        last, found, ended = _add_effects(search, last, found, seen)
+        tested_given = found
+        found, rivals = search.exchange_for_rivals(found)
+        if {id(item) for item in found} != {id(item) for item in tested_given}:
+            last = search.run_tests(found) if found else first
+        ended = ended or _count_causes(search, found) > _MOST_CAUSES
     effects = _effects(search, found, rivals)
     forces = {e.strut: e.force for e in reversed(effects) if e.force is not None}
     others = [
@@ -192,6 +187,48 @@ def attribute(
     best_forces = tuple(forces.get(scan.strut) for scan in last.scans)
     columns = search.signature.select(column_indices(found))
     return Attribution(families, effects, first, last, columns, best_forces, search.level, response)
+
+
+def _add_effects(
+    search: Search,
+    tests: EffectTests,
+    found: list[EffectCandidate],
+    seen: set[frozenset[tuple[str, int | None, str]]],
+) -> tuple[EffectTests, list[EffectCandidate], bool]:
+    """Add effects until none is significant, or more causes are needed than are believed.
+
+    `tests` are conditional on the effects found so far. Returns those conditional on all effects,
+    these, and whether the search has ended: no effect is significant, or those that were `seen`
+    come again.
+    """
+    while len(found) < _MOST:
+        if _count_causes(search, found) > _MOST_CAUSES:
+            return tests, found, False
+        best = search.find_most_significant(tests, found)
+        if best is None:
+            break
+        found = search.drop_insignificant([*found, best])
+        tests = search.run_tests(found)
+        names = frozenset(item.name for item in found)
+        if names in seen:
+            break
+        seen.add(names)
+    return tests, found, True
+
+
+def _count_causes(search: Search, found: Sequence[EffectCandidate]) -> int:
+    """Return the number of causes among effects; remainders of the strongest do not count."""
+    sizes = _sizes_given_others(search, found)
+    causes = {
+        (item.kind, item.parameter)
+        for item, size in zip(found, sizes, strict=True)
+        if size >= REMAINDER * max(sizes)
+    }
+    return len(causes)
+
+
+def _sizes_given_others(search: Search, found: Sequence[EffectCandidate]) -> list[float]:
+    return [search.fit_given(item, exclude(found, item)).statistic for item in found]
 
 
 _IMPOSSIBLE = "its sign or size is impossible"
@@ -222,8 +259,8 @@ def doubt_effects(
     impossible = any(effect.doubt and not (late and effect.remainder) for effect in effects)
     many = len(causes) > _MOST_CAUSES
     reasons = {
-        "a lack of fit remains": remains,
         f"more than {_MOST_CAUSES} causes are needed": many,
+        "a lack of fit remains": remains,
         _ANOTHER_IMPOSSIBLE: impossible,
         "a lack of fit may remain": given.log_p < np.log(_SUSPICIOUS),
     }
@@ -257,7 +294,7 @@ def _effects(
     """Fit all effects jointly."""
     fit = search.projection.conditional_on(()).fit(column_indices(found))
     effects, first = [], 0
-    sizes = [search.fit_given(item, exclude(found, item)).statistic for item in found]
+    sizes = _sizes_given_others(search, found)
     for item, others, size in zip(found, rivals, sizes, strict=True):
         chosen = slice(first, first + len(item.places))
         first = chosen.stop

@@ -110,6 +110,29 @@ def test_an_impossible_sign_is_no_cause(periods):
     assert "friction by load" not in result.verdict.summary
 
 
+def test_the_search_ends_when_too_many_causes_are_needed():
+    """Of five listed causes four are named: they are more than are believed."""
+    lab = Laboratory(samples=300, periods=6)
+
+    def force(struts):
+        rate = struts.length_rate
+        shapes = [
+            np.full(len(rate), 20.0),
+            12 * np.sin(2 * np.pi * struts.length[:, 1] / 0.03),
+            80 * np.abs(rate[:, 2]) * rate[:, 2],
+            2.0 * struts.length_acceleration[:, 3],
+            60 * np.abs(rate[:, 4]),
+        ]
+        return np.stack([*shapes, np.zeros(len(rate))], axis=1)
+
+    result = _diagnosed(lab, 7, force)
+    effects = result.recordings[0].tests.effects
+    causes = {(e.kind, e.parameter) for e in effects if not e.remainder}
+    assert len(causes) == 4
+    assert all(e.doubt == "more than 3 causes are needed" for e in effects)
+    assert "something that is not in the list" in result.verdict.summary
+
+
 def test_forces_behind_a_filter_have_one_low_pass():
     """Low-passed forces are no delay, and their low pass is named once."""
     lab = Laboratory(samples=500, periods=4)
