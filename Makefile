@@ -39,8 +39,10 @@ $(VENV)/.installed: pyproject.toml $(VENV)/.runtime
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .
 	@touch $@
 
+# pip takes one core: on another one a small design compiles the kernels that all processes load.
 $(VENV)/.locked: $(VENV)/.installed
-	$(call INSTALL,requirements/dev.txt)
+	$(BIN)/python -c "import expdesign; from tests.tiny_run import tiny_run; expdesign.design(tiny_run())" \
+	  >/dev/null 2>&1 & $(call INSTALL,requirements/dev.txt); status=$$?; wait; exit $$status
 	@touch $@
 
 PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal
