@@ -67,8 +67,7 @@ class JointSystem:
     @classmethod
     def of(cls, part: Linearisation, noise: NoiseModel) -> JointSystem:
         """Build the system of one experiment, without information on the parameters."""
-        known, columns = int(np.count_nonzero(part.free)), part.columns
-        length_columns = np.pad(part.length_columns, ((0, 0), (0, 0), (known, 0)))
+        known = int(np.count_nonzero(part.free))
         lengths = np.zeros((0, ACTUATORS)) if part.lengths is None else part.lengths
         rows = (
             RowWhitening.of(noise.forces, part.counts),
@@ -77,13 +76,15 @@ class JointSystem:
         signs = None
         if len(part.sign_precision):
             signs = SignElimination.of(rows[0], part.sign_errors, part.sign_precision)
-        whitened = (
-            _stack(rows, (part.forces, lengths)),
-            _stack(rows, (columns, length_columns)),
+        residuals, columns = (
+            _eliminate(signs, _whiten(rows, each, signs))
+            for each in (
+                Signature(part.forces[:, :, None], lengths[:, :, None]),
+                Signature(part.columns, np.pad(part.length_columns, ((0, 0), (0, 0), (known, 0)))),
+            )
         )
-        residuals, columns = (each if signs is None else signs(each) for each in whitened)
-        precision = np.zeros(columns.shape[1])
-        system = cls.of_rows(rows, residuals, columns, precision, noise.forces.weights_freedom)
+        precision, freedom = np.zeros(columns.shape[1]), noise.forces.weights_freedom
+        system = cls.of_rows(rows, residuals[:, 0], columns, precision, freedom)
         return replace(system, signs=signs)
 
     @classmethod
@@ -168,17 +169,12 @@ class JointSystem:
         return JointSystem.of_rows(rows, residuals, columns, precision, self.freedom)
 
     def whiten(self, effects: Signature) -> Array:
-        """Return the whitened forces and lengths of effects, (6 (R + R'), q)."""
-        rows, seen = np.zeros((ACTUATORS * self._samples, effects.count)), effects.in_lengths
-        forces, lengths = self.split(rows)
-        forces[:] = self.force_rows(effects.forces)
-        if len(seen):
-            lengths[:, :, seen] = self.length_rows(effects.lengths[:, :, seen])
-        return rows
+        """Return the rows of effects, (n, q), before signs are eliminated from them."""
+        return _whiten((self.force_rows, self.length_rows), effects, self.signs)
 
     def eliminate_signs(self, rows: Array) -> Array:
-        """Eliminate the unknown signs of friction from whitened forces and lengths: (n, q)."""
-        return rows if self.signs is None else self.signs(rows)
+        """Eliminate the unknown signs of friction from the rows of effects, (n, q), in place."""
+        return _eliminate(self.signs, rows)
 
     def products(self, rows: Array, in_lengths: Places) -> Array:
         """Return zᵀ U of the rows of effects, (n, q), of which some change lengths: (q, u)."""
@@ -200,14 +196,22 @@ class JointSystem:
         return whole[:count], whole[count:]
 
 
-def _stack(rows: tuple[RowWhitening, RowWhitening], values: tuple[Array, Array]) -> Array:
-    """Whiten values of forces and lengths, (R, 6, …) and (R', 6, …), and stack them, (n, …)."""
-    return np.concatenate(
-        [
-            whiten(own).reshape(len(own) * ACTUATORS, *own.shape[2:])
-            for whiten, own in zip(rows, values, strict=True)
-        ]
-    )
+def _whiten(
+    rows: tuple[RowWhitening, RowWhitening], effects: Signature, signs: SignElimination | None
+) -> Array:
+    """Return the whitened forces and lengths of effects, and rows of zeros for signs, (n, q)."""
+    counts = [ACTUATORS * len(each.counts) for each in rows]
+    found = np.zeros((sum(counts) + (0 if signs is None else signs.count), effects.count))
+    forces, lengths, seen = rows[0](effects.forces), effects.lengths, effects.in_lengths
+    found[: counts[0]] = forces.reshape(counts[0], effects.count)
+    if len(seen):
+        own = rows[1](lengths[:, :, seen])
+        found[counts[0] : sum(counts), seen] = own.reshape(counts[1], len(seen))
+    return found
+
+
+def _eliminate(signs: SignElimination | None, rows: Array) -> Array:
+    return rows if signs is None else signs(rows)
 
 
 def motion_last(system: JointSystem, parameters: int, effects: int) -> Places:
@@ -238,9 +242,9 @@ class SolvedSystem:
 
     def project(self, effects: Signature) -> EffectProjection:
         """Project effects onto the part that the unknowns do not explain."""
-        measured = self.system.whiten(effects)
-        rows = self.system.eliminate_signs(measured)
-        whole = np.sum(measured**2, axis=0)
+        rows = self.system.whiten(effects)
+        whole = np.sum(rows**2, axis=0)
+        self.system.eliminate_signs(rows)
         mixed = self.system.products(rows, effects.in_lengths) @ self.root
         return EffectProjection(rows, mixed, whole, self.rest, self.system.freedom)
 

@@ -20,6 +20,7 @@ from functools import cached_property
 from typing import Self, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
@@ -109,11 +110,23 @@ class SignElimination:
         return cls(rows, columns @ root, prior.sqrt() @ root)
 
     def __call__(self, rows: Array) -> Array:
-        """Eliminate the signs from whitened rows, (n, …): (n + s, …)."""
-        own = slice(self.explained.shape[0])
-        known = self.explained.T @ rows[own]
-        left = rows[own] - self.explained @ known
-        return np.concatenate([left, rows[own.stop :], self.pull @ known])
+        """Eliminate the signs from whitened rows, (n, …), in place; the last s are zero before."""
+        touched, explained = self._touched
+        known = explained.T @ rows[touched]
+        rows[touched] -= explained @ known
+        rows[len(rows) - self.count :] = self.pull @ known
+        return rows
+
+    @property
+    def count(self) -> int:
+        """Number s of signs."""
+        return self.pull.shape[0]
+
+    @cached_property
+    def _touched(self) -> tuple[NDArray[np.intp], Matrix]:
+        """Rows with unknown signs, and these rows of Q."""
+        touched = np.flatnonzero((self.explained**2).sum(axis=1))
+        return touched, self.explained[touched]
 
     @cached_property
     def of_one_sample(self) -> list[Matrix]:

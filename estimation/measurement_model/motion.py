@@ -152,19 +152,24 @@ class MotionSamples:
 
     def apply_steps(self, slope: Array, steps: Array) -> Array:
         """Return the effect of steps of ξ, (x, t), on quantities with these slopes: (S, r, t)."""
-        table, depth, count = self.motion.table, slope.shape[2], steps.shape[1]
-        rows = steps[: table.size].reshape(*table.shape, count).transpose(0, 2, 1)
-        states = self._derivatives(
-            rows.reshape(-1, table.shape[1]), 0, depth // COORDINATES
-        ).reshape(len(slope), depth, count)
-        result = np.matmul(slope, states)
-        if self.motion.free_frequency:
-            result += self.frequency_column(slope) * steps[table.size]
-        return result
+        return np.matmul(slope, self._state_changes(slope.shape[2], steps))
 
     def spread(self, slope: Array, factor: Array) -> Array:
         """Return the standard deviations of quantities with these slopes, (S, r)."""
-        return np.asarray(np.linalg.norm(self.apply_steps(slope, factor), axis=2))
+        states = self._state_changes(slope.shape[2], factor)
+        covariance = np.matmul(states, states.transpose(0, 2, 1))
+        variance = np.sum(np.matmul(slope, covariance) * slope, axis=2)
+        return np.sqrt(np.maximum(variance, 0.0))
+
+    def _state_changes(self, depth: int, steps: Array) -> Array:
+        """Return the effect of steps of ξ on the pose and its derivatives, (S, depth, t)."""
+        table, count = self.motion.table, steps.shape[1]
+        rows = steps[: table.size].reshape(*table.shape, count).transpose(0, 2, 1)
+        states = self._derivatives(rows.reshape(-1, table.shape[1]), 0, depth // COORDINATES)
+        states = states.reshape(len(states), depth, count)
+        if self.motion.free_frequency:
+            states += self._frequency_change(depth)[:, :, None] * steps[table.size]
+        return states
 
     def products(self, dense: Array, slope: Array, weights: Array) -> Array:
         """Return UᵀWU of the columns U: dense ones, (S, 6, u), then those of ξ.
@@ -198,6 +203,10 @@ class MotionSamples:
 
     def frequency_column(self, slope: Array) -> Array:
         """Convert the same slopes to those to ω, (S, r, 1)."""
+        return np.matmul(slope, self._frequency_change(slope.shape[2])[:, :, None])
+
+    def _frequency_change(self, depth: int) -> Array:
+        """Return the effect of ω on the pose and its derivatives, (S, depth)."""
         # A higher frequency reaches the same phases earlier.
         omega, derivatives = self.motion.omega, self.state(first=1)
         rate, acceleration, jerk = np.split(derivatives, 3, axis=1)
@@ -207,8 +216,7 @@ class MotionSamples:
             rate / omega + stretch * acceleration,
             2 * acceleration / omega + stretch * jerk,
         ]
-        moved = np.concatenate(change, axis=1)[:, : slope.shape[2]]
-        return np.matmul(slope, moved[:, :, None])
+        return np.concatenate(change, axis=1)[:, :depth]
 
 
 def of_table(waves: ComplexArray) -> Array:
