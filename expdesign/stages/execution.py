@@ -321,13 +321,8 @@ def add_to_files(folder: Path, files: Iterable[Path]) -> Iterator[None]:
     was changed or missing before stays so for the manifest.
     """
     before = Manifest.known(folder)
-    entries = () if before is None else before.stages.values()
-    known = {file: digest for entry in entries for file, digest in entry.files.items()}
-    intact = [
-        file
-        for file in files
-        if file.is_file() and known.get(str(file.relative_to(folder))) == file_hash(file)
-    ]
+    known = {} if before is None else before.files
+    intact = [one for one in files if known_hash(one) == known.get(str(one.relative_to(folder)))]
     yield
     if before is not None and intact:
         before.with_files(folder, intact).write(folder)
@@ -355,8 +350,7 @@ def clear_outdated(stage: str, work: Workspace) -> set[Path]:
         folder / file
         for file, digest in earlier.files.items()
         if (folder / file).resolve().is_relative_to(folder.resolve())
-        and (folder / file).is_file()
-        and file_hash(folder / file) == digest
+        and known_hash(folder / file) == digest
     }
     if earlier.inputs == work.inputs[stage]:
         return intact
