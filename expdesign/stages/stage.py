@@ -371,12 +371,8 @@ class Workspace:
         """Return an input of a stage, of `Stage.needs`, as text with all digits or hashes."""
         if need == "design":
             return trajectory_text(self.design().trajectory)
-        if need in ("recording", "others"):
+        if need in ("recording", "others", "estimate"):
             return " ".join(file_hash(path) for path in self.input_files(need))
-        if need == "estimate":
-            place = self.estimate_place
-            path = place / ESTIMATE_FILE if place.is_dir() else place
-            return file_hash(path) if path.is_file() else ""
         if need == "tolerances":
             section, robot = self.configuration.run.estimate, self.configuration.robot
             treatment = section.systematic == "none", section.estimates_tolerances
