@@ -335,7 +335,7 @@ def true_machine(
         No machine with parameters within their bounds is found.
     """
     section = configuration.run.experiment
-    if configuration.run.data.file is None:
+    if configuration.run.data.recording is None:
         robot = robot_from(configuration.truth or configuration.robot)
         gains = np.ones((len(times), ACTUATORS))
         if section.force_constant is not None:

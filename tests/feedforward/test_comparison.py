@@ -117,8 +117,11 @@ def test_cases_that_are_missing_are_told(record, tmp_path):
         FeedforwardResult.read(tmp_path)
 
 
-def test_of_a_real_machine_one_is_drawn(saved):
-    config = case(data={"file": "measured.csv"})
+@pytest.mark.parametrize(
+    "data", [{"file": "measured.csv"}, {"files": {"lengths": "q.csv", "forces": "Q.csv"}}]
+)
+def test_of_a_real_machine_one_is_drawn(saved, data):
+    config = case(data=data)
     times = np.arange(3.0)
     found, again = (true_machine(config, saved, EXACT, times) for _ in range(2))
     other = true_machine(config.with_section("experiment", seed=7), saved, EXACT, times)
