@@ -21,7 +21,8 @@ from expdesign.evaluation.batch import BatchFunction, Graph
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.mechanism.term import Friction, Term
-from expdesign.robot import LimitModel, Robot
+from expdesign.recheck import excitable
+from expdesign.robot import Robot
 from expdesign.robot.limit_model import states_at_rest
 from expdesign.runfolder import ArrayTable, described, strutwise
 from expdesign.runfolder.fields import ACCELERATION_COLUMNS, POSE_COLUMNS, RATE_COLUMNS
@@ -201,18 +202,16 @@ WRITTEN_BY = "`expdesign model`"
 UNCERTAINTY = ArrayTable("uncertainty.csv", WRITTEN_BY, ForceUncertainty)
 
 
-_TILT = 0.35
-"""Rotations about home that are tried, rad."""
-_SPEED, _ACCELERATION = 0.5, 5.0
-"""Of the struts where the robot does not limit them, m/s and m/s²."""
 _CLEAR, _CLEAR_SHARE = 1e-3, 1e-2
 """Speeds, m/s and as a share of the struts' limit, below both of which a state is not taken: in
 single precision the sign may be another."""
 _GIMBAL = 0.05
 """Sine of the angle, 3°, between a strut and the first axis of its cardan joint below which a state
 is not taken: the joint locks there, and its accelerations grow without bound."""
-_MOVING = frozenset({"actuator_force", "strut_speed", "strut_acceleration"})
-_ROUNDS = 24
+_TILT = 0.35
+"""Largest rotation about home, rad: the pose of any state is found from any other."""
+_DRAWN = 8
+"""States drawn for each one that is returned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,70 +269,15 @@ def _regressors(robot: Robot, states: Array, width: float) -> Array:
 
 
 def random_states(robot: Robot, count: int, seed: int) -> Array:
-    """Return states (N, 18) whose poses keep the limits, the first at rest at home.
+    """Return states (N, 18) that keep the limits, the first at rest at home.
 
-    Speeds and accelerations of the struts are up to their limits. Where dry friction changes its
-    sign nearby, or a cardan joint locks, a state is not taken.
+    Where dry friction changes its sign nearby, or a cardan joint locks, a state is not taken, nor
+    one that is turned far from home.
     """
-    rng = np.random.default_rng(seed)
-    reach, found = 1.0, [states_at_rest(robot.home[None])]
-    for _ in range(_ROUNDS):
-        made = _evaluate_states(robot, 4 * count, reach, rng)
-        found.append(made)
-        if sum(map(len, found)) >= count:
-            break
-        # Of a robot with little room: nearer to home, which keeps all limits.
-        reach *= 1.0 if len(made) > count // 4 else 0.5
-    return np.concatenate(found)[:count]
-
-
-def _evaluate_states(robot: Robot, count: int, reach: float, rng: np.random.Generator) -> Array:
-    size = robot.characteristic_length
-    room = robot.limit("position")
-    low, high = np.full((2, 3), size) * [[-1], [1]]
-    if room is not None:
-        low = np.maximum(low, np.array(room.lower) - robot.home[:3])
-        high = np.minimum(high, np.array(room.upper) - robot.home[:3])
-    low, high = np.append(low, [-_TILT] * 3), np.append(high, [_TILT] * 3)
-    pose = robot.home + reach * rng.uniform(low, high, (count, COORDINATES))
-    pose = pose[_keep_states(robot, pose)]
-    unit = np.array([1.0] * 3 + [1 / size] * 3)
-    rate, acceleration = unit * rng.normal(size=(2, len(pose), COORDINATES))
-    slope = robot.length_jacobian(pose)
-    rate *= _share(robot, "strut_speed", _SPEED, slope, rate, rng)
-    acceleration *= _share(robot, "strut_acceleration", _ACCELERATION, slope, acceleration, rng)
-    states = np.concatenate([pose, rate, acceleration], axis=1)
-    return states[_clear(robot, states)]
-
-
-def _keep_states(robot: Robot, pose: Array) -> Array:
-    model = LimitModel.of(robot)
-    values = model.values(states_at_rest(pose))
-    kept = np.ones(len(pose), dtype=bool)
-    for limit, columns in zip(model.limits, model.columns, strict=True):
-        if limit.key not in _MOVING:
-            here = values[:, columns]
-            kept &= np.all((here >= limit.lower) & (here <= limit.upper), axis=1)
-    return kept
-
-
-def _share(
-    robot: Robot,
-    key: str,
-    otherwise: float,
-    slope: Array,
-    motion: Array,
-    rng: np.random.Generator,
-) -> Array:
-    """Return factors (N, 1) that take the struts of a motion to shares of their limit."""
-    bound = _bound(robot, key, otherwise)
-    struts = np.max(np.abs(np.einsum("nij,nj->ni", slope, motion)), axis=1, keepdims=True)
-    return bound * rng.uniform(0.05, 1.0, struts.shape) / struts
-
-
-def _bound(robot: Robot, key: str, otherwise: float) -> float:
-    limit = robot.limit(key)
-    return otherwise if limit is None else float(np.min(np.abs(limit.upper)))
+    home = states_at_rest(robot.home[None])
+    drawn = np.concatenate(excitable.random_states(robot, _DRAWN * count, seed), axis=1)
+    near = np.all(np.abs(drawn - home)[:, 3:COORDINATES] <= _TILT, axis=1)
+    return np.concatenate([home, drawn[near & _clear(robot, drawn)]])[:count]
 
 
 def _clear(robot: Robot, states: Array) -> Array:
@@ -343,7 +287,8 @@ def _clear(robot: Robot, states: Array) -> Array:
     if graph.turning:
         axes = kinematic["rotation_matrix"] @ geometry.platform_cardan_axes
         squares.append(1 - ca.sum1(axes * kinematic["strut_direction"]).T ** 2)
-    speed = min(_CLEAR, _CLEAR_SHARE * _bound(robot, "strut_speed", _SPEED))
+    limit = robot.limit("strut_speed")
+    speed = _CLEAR if limit is None else min(_CLEAR, _CLEAR_SHARE * float(np.min(limit.upper)))
     clear = ca.vertcat(ca.fabs(sliding_speeds(graph)) / speed, ca.vertcat(*squares) / _GIMBAL**2)
     kernel = BatchFunction(Graph("clear", [graph.state], [geometry.vector], [ca.densify(clear)]))
     (found,) = kernel(states, robot.geometry_vector)
