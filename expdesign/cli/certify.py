@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,14 +26,18 @@ from expdesign.configuration import (
     quantity_text,
 )
 from expdesign.configuration.robot import load_robot_description
+from expdesign.enclosure.paths import EnclosedSeries
 from expdesign.export.certification import BROKEN, IN_PART, PROVED, PathCertificate
 from expdesign.export.result import FOLDER, RECORD, ExportResult
 from expdesign.export.table_file import certify_file, find_table_file, unlisted_files
-from expdesign.motion.executable import ExecutableMotion
+from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
+from expdesign.motion.executable import ExecutableMotion, Periods, Segment, enclose_segment
 from expdesign.motion.planning import check_motion
 from expdesign.progress import progress_prefix
-from expdesign.recheck.certificate import recheck
-from expdesign.recheck.limit_check import LimitCheck, range_share_in_words
+from expdesign.recheck.certificate import EnclosedMotion, recheck
+from expdesign.recheck.followed_lengths import FollowedLengths
+from expdesign.recheck.followed_path import certify_followed
+from expdesign.recheck.limit_check import LimitCheck, Motion, range_share_in_words
 from expdesign.robot import ForwardKinematicsError, LimitModel, Robot, robot_from
 from expdesign.runfolder.files import RUN_FILE
 from expdesign.runfolder.lock import consistent_reading
@@ -63,7 +68,7 @@ def certify_motions(
     folder = path
     if not path.is_dir():
         folder = folder_of_table(path) if design is None else design.absolute()
-    configuration = run_configuration(folder)
+    configuration = planned = run_configuration(folder)
     if robot is not None:
         configuration = _executed_by(configuration, load_robot_description(robot))
     with working("certify") as terminal, consistent_reading(folder):
@@ -83,7 +88,8 @@ def certify_motions(
         _print_certificates(parts)
     if verdict != PROVED:
         left = "; ".join(_shortcoming(part) for part in parts if not part.proof.certified)
-        raise StageFailed(f"{verdict}: {left}", data)
+        advice = "" if robot is None else _advice(parts, planned.robot, robot)
+        raise StageFailed(f"{verdict}: {left}{advice}", data)
     if as_json:
         write_json({"status": 0, **data})
     else:
@@ -108,6 +114,39 @@ def _executed_by(configuration: RunConfiguration, robot: ResolvedRobot) -> RunCo
         key: one.with_reserve(0.0) for key, one in {**configuration.robot.limits, **own}.items()
     }
     return replace(configuration, robot=replace(robot, limits=limits))
+
+
+_ROOM = 1.5
+"""Advised reserve, relative to the excess: another motion has another one."""
+_LARGEST_RESERVE = 0.5
+
+
+def _advice(parts: list[CertifiedPart], planned: ResolvedRobot, robot: str) -> str:
+    """Return the reserves that leave room for the difference of a machine, as a sentence."""
+    shares: dict[str, float] = {}
+    for check in (check for part in parts for check in part.proof.broken):
+        own = planned.limits.get(check.key)
+        share = _ROOM * (check.violation + (0.0 if own is None else own.reserve))
+        shares[check.key] = max(share, shares.get(check.key, 0.0))
+    again = f"design with `robot: {robot}`"
+    if not shares or max(shares.values()) >= _LARGEST_RESERVE:
+        return f". What to do: {again}" if shares else ""
+    texts = (f"{key}: {_rounded_up(100 * share):g} %" for key, share in shares.items())
+    return (
+        ". What to do: keep that much free and design again, `limits: {reserve: {"
+        f"{', '.join(texts)}}}}}` in the run file; or, if the controller gets the joints of the "
+        f"identified machine, {again}"
+    )
+
+
+def _rounded_up(value: float) -> float:
+    """Return a positive number, rounded up to two digits.
+
+    >>> _rounded_up(0.0857), _rounded_up(12.01)
+    (0.086, 13.0)
+    """
+    unit = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return float(f"{unit * np.ceil(value / unit):.2g}")
 
 
 def _print_certificates(parts: list[CertifiedPart]) -> None:
@@ -199,10 +238,12 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
     if not work.design_file.exists():
         message = f"there is no {work.design_file.name}"
         raise InputError(message, work.folder, allowed="a folder that `expdesign design` wrote")
-    robot = robot_from(work.configuration.robot)
-    trajectory = work.design().trajectory
+    robot, trajectory = robot_from(work.configuration.robot), work.design().trajectory
+    planned = load_run(work.folder / RUN_FILE)
+    controller = robot_from(planned.robot)
+    follow = _follower(controller, robot)
     with progress_prefix("design"):
-        found = [_design(robot, trajectory)]
+        found = [_design(robot, trajectory, follow)]
     place = work.folder / FOLDER
     result = ExportResult.known(place / RECORD)
     tables, others = unlisted_files(place, result)
@@ -216,25 +257,28 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
     if result is None:
         work.progress.note("no table was exported, and therefore no lead-in and lead-out planned")
         return found + left
-    motion = _executable(result, trajectory, robot)
+    motion = _executable(result, trajectory, controller)
     if motion is None:
         found.append(_left_out("motion", title, f"{RECORD} has those of another design"))
     else:
         with progress_prefix("lead-in and lead-out"):
-            limits = check_motion(work.configuration, motion).limits
-        remarks = _force_remarks(robot, motion, motion.duration, trajectory.period)
+            limits = _check_motion(work.configuration, planned, motion, follow)
+        driven = motion if follow is None else follow(motion)
+        remarks = _force_remarks(robot, driven, motion.duration, trajectory.period)
         found.append(CertifiedPart("motion", title, PathCertificate(limits, remarks=remarks)))
-    planned = load_run(work.folder / RUN_FILE).robot
-    moved = any(
-        not np.array_equal(getattr(planned, name), getattr(robot.description, name))
-        for name in ("base_joints", "platform_joints")
-    )
-    if moved and result.files:
+    if follow is not None:
         work.progress.note(
-            f"not examined: {', '.join(result.files)}; {robot.name} has other joints than the "
-            "robot that the tables were made for, and follows their lengths on another path"
+            f"{robot.name} has other joints or zeros than {controller.name}, with which the "
+            "controller computes the lengths of the struts: their speeds and accelerations are "
+            "those commanded, the platform takes another path, and its limits and the forces are "
+            "examined there"
         )
-    for name, table in {} if moved else result.files.items():
+        if result.files:
+            work.progress.note(
+                f"not examined: {', '.join(result.files)}: their rows are these lengths within "
+                "the tolerance of a table, which `expdesign certify DIR` examines"
+            )
+    for name, table in {} if follow is not None else result.files.items():
         try:
             found.append(certified_table(work, place / name))
         except InputError as error:
@@ -305,9 +349,63 @@ def refuse_part_of_folder(path: Path) -> None:
         raise InputError(message, path, allowed=allowed)
 
 
-def _design(robot: Robot, trajectory: FourierTrajectory) -> CertifiedPart:
-    limits = recheck(LimitModel.of(robot), trajectory).limits
-    remarks = _force_remarks(robot, trajectory, trajectory.period, trajectory.period)
+_Follow = Callable[[Motion], FollowedLengths]
+
+
+def _follower(controller: Robot, machine: Robot) -> _Follow | None:
+    """Return the function from a motion of the controller to that of a machine; None: the same.
+
+    The machine has other joints, or other zeros of its lengths by its identification.
+    """
+    known, zeros = machine.description.description.identification, np.zeros(ACTUATORS)
+    if known is not None:
+        # A later entry of a name is the error of a prior.
+        estimated = {one.name: one.value for one in reversed(known.deviations)}
+        names = actuator_names("strut_length_")
+        zeros = np.array([estimated.get(name, 0.0) for name in names])
+    same = not np.any(zeros) and all(
+        np.array_equal(getattr(controller.description, name), getattr(machine.description, name))
+        for name in ("base_joints", "platform_joints")
+    )
+    return None if same else lambda motion: FollowedLengths(motion, controller, machine, zeros)
+
+
+def _check_motion(
+    configuration: RunConfiguration,
+    planned: RunConfiguration,
+    motion: ExecutableMotion,
+    follow: _Follow | None,
+) -> tuple[LimitCheck, ...]:
+    if follow is None:
+        return check_motion(configuration, motion).limits
+    machine = robot_from(configuration.robot)
+
+    def judge(limits: LimitModel, segment: Segment) -> tuple[LimitCheck, ...]:
+        # The jerk is commanded. Of the periods the enclosure has the first, from the orbit's t = 0.
+        own = LimitModel.of(machine, limits.limits[-1])
+        commanded = segment.trajectory if isinstance(segment, Periods) else segment
+        return _followed_limits(own, follow(commanded), enclose_segment(segment))
+
+    return check_motion(planned, motion, judge).limits
+
+
+def _followed_limits(
+    limits: LimitModel, followed: FollowedLengths, enclosed: EnclosedMotion
+) -> tuple[LimitCheck, ...]:
+    try:
+        return certify_followed(limits, followed, enclosed)
+    except ForwardKinematicsError as trouble:
+        name = followed.machine.name
+        raise StageFailed(f"{name} cannot follow the lengths of the motion: {trouble}") from trouble
+
+
+def _design(robot: Robot, trajectory: FourierTrajectory, follow: _Follow | None) -> CertifiedPart:
+    model, driven = LimitModel.of(robot), trajectory if follow is None else follow(trajectory)
+    if isinstance(driven, FollowedLengths):
+        limits = _followed_limits(model, driven, EnclosedSeries(trajectory))
+    else:
+        limits = recheck(model, trajectory).limits
+    remarks = _force_remarks(robot, driven, trajectory.period, trajectory.period)
     proof = PathCertificate(limits, remarks=remarks)
     return CertifiedPart("design", "one period of the design", proof)
 
@@ -316,9 +414,7 @@ _INSTANTS = 400
 """Of one period."""
 
 
-def _force_remarks(
-    robot: Robot, motion: FourierTrajectory | ExecutableMotion, duration: float, period: float
-) -> tuple[str, ...]:
+def _force_remarks(robot: Robot, motion: Motion, duration: float, period: float) -> tuple[str, ...]:
     """Compare forces and their uncertainty with the limit, at instants: no proof."""
     known = robot.description.description.identification
     if known is None:
@@ -333,10 +429,10 @@ def _force_remarks(
 
 
 def _executable(
-    result: ExportResult, trajectory: FourierTrajectory, robot: Robot
+    result: ExportResult, trajectory: FourierTrajectory, controller: Robot
 ) -> ExecutableMotion | None:
     try:
         leads = result.motion.leads
-        return None if leads is None else leads.motion(trajectory, robot.home)
+        return None if leads is None else leads.motion(trajectory, controller.home)
     except ValueError:
         return None

@@ -191,8 +191,9 @@ def certify(
             "--robot",
             "ROBOT",
             "Another robot that executes the motion: its file or name, such as an estimate's "
-            "identified-robot.yaml. Its stated limits hold, without a reserve; of the run those "
-            "that it does not state.",
+            "identified-robot.yaml. Its struts follow the lengths that the controller computes "
+            "with the robot of the run. Its stated limits hold, without a reserve; of the run "
+            "those that it does not state.",
         ),
     ] = None,
     piece: Annotated[

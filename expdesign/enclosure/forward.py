@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -40,32 +41,51 @@ _LARGEST_CHANGE = 0.5
 ACCURATE = 3e-9
 """Largest error of poses in the unit of `WITHIN`: cells with larger errors are divided."""
 _DIVISIONS = 10
+_STEPS = 16
+"""From the lengths at home to the first ones."""
 _BLOCK = 1024
+
+
+class StrutLengths(Protocol):
+    """Lengths of the six struts in time, m; continuous."""
+
+    @property
+    def times(self) -> Array:
+        """(N + 1,), s, beginnings of the first cells and end of the last."""
+
+    def over(self, edges: Array) -> list[TaylorModel]:
+        """Return the models of the lengths over cells, (N', 2), s."""
+
+    def with_rates(self, edges: Array) -> list[list[TaylorModel]]:
+        """Return the models of lengths, speeds and accelerations over cells, (N', 2), s."""
 
 
 @dataclass(frozen=True, eq=False)
 class StrutPath:
-    """The motion of a machine from home for lengths of the struts as polynomials in time.
+    """The motion of a machine from home for lengths of the struts in time.
 
     Parameters
     ----------
-    lengths : PiecewisePolynomials
-        Of the six struts, m; continuous.
+    lengths : StrutLengths
     guess : callable
         Times (N,), s, → poses (N, 6), initial values for the poses.
     begin : float
         Time at which the path to be enclosed begins, s; before it the lengths lead from home.
+    home : (6,), optional
+        Pose that is connected with the first one, instead of the robot's home.
     """
 
     robot: Robot
-    lengths: PiecewisePolynomials
+    lengths: StrutLengths
     guess: Callable[[Array], Array]
     begin: float = -np.inf
+    home: Array | None = None
 
     @cached_property
     def poses(self) -> PiecewisePolynomials:
         """The proved enclosures of the poses: see `enclosed_poses`."""
-        return enclosed_poses(self.robot, self.lengths, self.guess)
+        home = self.robot.home if self.home is None else self.home
+        return enclosed_poses(self.robot, self.lengths, self.guess, home)
 
     @property
     def known_until(self) -> float:
@@ -84,17 +104,12 @@ class StrutPath:
 
         The jerk is unknown.
         """
-        rough, lengths = self.poses.over(edges), self.lengths.over(edges)
-        speed, acceleration = (part.over(edges) for part in self._derivatives)
+        rough = self.poses.over(edges)
+        lengths, speed, acceleration = self.lengths.with_rates(edges)
         with np.errstate(all="ignore"):  # unknown values are infinite or NaN
             pose = _tighten_poses(self._kinematics, rough, lengths)
             first, second = self._kinematics.motion(pose, speed, acceleration)
         return [*pose, *first, *second, *[TaylorModel.unknown()] * COORDINATES]
-
-    @cached_property
-    def _derivatives(self) -> tuple[PiecewisePolynomials, PiecewisePolynomials]:
-        first = self.lengths.derivative
-        return first, first.derivative
 
     @cached_property
     def _kinematics(self) -> EnclosedKinematics:
@@ -102,7 +117,7 @@ class StrutPath:
 
 
 def enclosed_poses(
-    robot: Robot, lengths: PiecewisePolynomials, guess: Callable[[Array], Array]
+    robot: Robot, lengths: StrutLengths, guess: Callable[[Array], Array], home: Array
 ) -> PiecewisePolynomials:
     """Return the poses of a machine that starts at home, m and rad; arguments as of `StrutPath`.
 
@@ -130,7 +145,7 @@ def enclosed_poses(
             break
     every = _Poses.join(found)
     every = every.among(np.argsort(every.edges[:, 0], kind="stable"))
-    return every.as_path(_reached_from_home(kinematics, lengths, every))
+    return every.as_path(_reached_from_home(kinematics, lengths, every, home))
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,38 +207,47 @@ class _Poses:
 
 
 def _reached_from_home(
-    kinematics: EnclosedKinematics, lengths: PiecewisePolynomials, poses: _Poses
+    kinematics: EnclosedKinematics, lengths: StrutLengths, poses: _Poses, start_pose: Array
 ) -> Mask:
-    """Return the cells (N,) whose pose is proved to be reached from home."""
-    robot = kinematics.robot
-    home = robot.home[:, None] * np.ones((1, 1))
-    start = [TaylorModel(row[None, :], np.zeros(1)) for row in home]
-    first = lengths.over(poses.edges[:1])
-    # From the lengths at home straight to those at the beginning of the first cell.
+    """Return the cells (N,) whose pose is proved to be reached from home.
+
+    The lengths lead straight from those at home to those at the beginning of the first cell.
+    """
+    robot, first = kinematics.robot, lengths.over(poses.edges[:1])
+    begin, slack = (
+        np.concatenate(part)
+        for part in zip(
+            *((one.at(-np.ones(1)), one.radius + 8 * EPS * one.size) for one in first), strict=True
+        )
+    )
+    at_home = robot.inverse_kinematics(start_pose)
+    way = at_home + np.linspace(0.0, 1.0, _STEPS + 1)[:, None] * (begin - at_home)
+    start = robot.forward_kinematics(way[:-1], np.tile(start_pose, (_STEPS, 1)))
+    start[0] = start_pose
+    models = [TaylorModel(column[None, :].copy(), np.zeros(1)) for column in start.T]
     ways = []
-    for model, at_home in zip(first, kinematics.lengths(start), strict=True):
-        begin = model.at(-np.ones(1))
-        slack = model.radius + 8 * EPS * model.size
-        least, most = at_home.bounds()
-        low, high = begin - slack - most, begin + slack - least
+    for model, ends, wide in zip(kinematics.lengths(models), way.T, slack, strict=True):
+        least, most = model.bounds()
+        low = np.minimum(ends[:-1], ends[1:]) - wide - most
+        high = np.maximum(ends[:-1], ends[1:]) + wide - least
         ways.append(TaylorModel.within(np.minimum(low, 0.0), np.maximum(high, 0.0)))
-    error, within = _prove_poses(kinematics, start, ways)
+    error, within = _prove_poses(kinematics, models, ways)
     errors = np.concatenate([error, poses.error])
     withins = np.concatenate([within, poses.within])
-    ends = np.concatenate([home.T, poses.at(1.0)[:-1]])
-    sizes = np.abs(poses.coefficients).sum(axis=0).T
-    before = np.concatenate([np.abs(home.T), sizes[:-1]])
-    gaps = poses.distances(poses.at(-1.0), ends, sizes + before)
+    sizes = np.concatenate([np.abs(start), np.abs(poses.coefficients).sum(axis=0).T])
+    ends = np.concatenate([start, poses.at(1.0)[:-1]])
+    begins = np.concatenate([start[1:], poses.at(-1.0)])
+    gaps = poses.distances(begins, ends, sizes[1:] + sizes[:-1])
     # The pose of one of the two is within the ρ of the other.
     joined = (gaps + errors[1:] < withins[:-1]) | (gaps + errors[:-1] < withins[1:])
-    joined[0] &= np.isfinite(error[0])
-    known: Mask = np.logical_and.accumulate(joined & np.isfinite(poses.error))
+    joined &= np.isfinite(errors[1:]) & np.isfinite(errors[0])
+    known: Mask = np.logical_and.accumulate(joined)[_STEPS - 1 :]
     return known
 
 
 def _poses(
     kinematics: EnclosedKinematics,
-    lengths: PiecewisePolynomials,
+    lengths: StrutLengths,
     edges: Array,
     guess: Callable[[Array], Array],
 ) -> _Poses:
@@ -354,6 +378,17 @@ class EnclosedKinematics:
         """Return ∂q/∂λ."""
         entries = self._functions([pose, _zero_models(), self._geometry], [1])[1]
         return TaylorMatrix.of(entries, ACTUATORS, cells)
+
+    def strut_rates(
+        self, pose: list[TaylorModel], rate: list[TaylorModel], acceleration: list[TaylorModel]
+    ) -> tuple[list[TaylorModel], list[TaylorModel]]:
+        """Return speeds and accelerations of the struts."""
+        cells = max(model.radius.size for model in pose)
+        jacobian = self.jacobian(pose, cells)
+        # q̈ = J λ̈ + J̇ λ̇; the graph gives the second part at λ̈ = 0.
+        rest = self._functions([pose, rate, self._geometry], [2])[2]
+        speed, linear = (_multiply_column(jacobian, one, cells) for one in (rate, acceleration))
+        return speed, [one + other for one, other in zip(linear, rest, strict=True)]
 
     def rate(
         self, pose: list[TaylorModel], speed: list[TaylorModel]

@@ -53,7 +53,7 @@ class PiecewisePolynomials:
     error: Array
     """(K, m, N), bound of each coefficient's error; ∞: unknown."""
 
-    @property
+    @cached_property
     def derivative(self) -> PiecewisePolynomials:
         """The derivative in time, per s."""
         if len(self.coefficients) == 1:
@@ -103,6 +103,11 @@ class PiecewisePolynomials:
             TaylorModel(np.ascontiguousarray(found[:, i]), radius[i]) for i in range(own.shape[1])
         ]
 
+    def with_rates(self, edges: Array) -> list[list[TaylorModel]]:
+        """Return the models of the path and its first two derivatives over cells, (N', 2), s."""
+        first = self.derivative
+        return [part.over(edges) for part in (self, first, first.derivative)]
+
 
 def between_rows(
     times: Array, position: Array, rate: Array | None = None, acceleration: Array | None = None
@@ -146,14 +151,9 @@ class PosePath:
 
     def models(self, edges: Array) -> list[TaylorModel]:
         """Return the models of pose, rate, acceleration and jerk, 24, over cells (N, 2), s."""
-        return [model for part in self._derivatives for model in part.over(edges)]
-
-    @cached_property
-    def _derivatives(self) -> list[PiecewisePolynomials]:
-        found = [self.poses]
-        for _ in range(3):
-            found.append(found[-1].derivative)
-        return found
+        third = self.poses.derivative.derivative.derivative
+        parts = [*self.poses.with_rates(edges), third.over(edges)]
+        return [model for part in parts for model in part]
 
 
 DERIVATIVES = 4

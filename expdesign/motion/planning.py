@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -279,17 +280,24 @@ def _within(largest: Array, origin: str) -> Limit:
     return Limit(STRUT_JERK, -largest, largest, row_labels(STRUT_JERK), origin)
 
 
-def check_motion(configuration: RunConfiguration, motion: ExecutableMotion) -> Recheck:
+def check_motion(
+    configuration: RunConfiguration,
+    motion: ExecutableMotion,
+    judge: Callable[[LimitModel, Segment], tuple[LimitCheck, ...]] = (
+        lambda limits, segment: certify(limits, enclose_segment(segment))
+    ),
+) -> Recheck:
     """Judge every limit and the struts' jerk from rest to rest, at every instant.
 
-    Of the identical periods one is judged. Times are from the start of the motion.
+    Of the identical periods one is judged. Times are from the start of the motion. `judge` returns
+    the checks of a segment, the last limit being that of the jerk.
     """
     robot = robot_from(configuration.robot)
     orbit = Periods(motion.trajectory, motion.periods)
     limits = LimitModel.of(robot, jerk_limit(configuration, robot, orbit))
     checks: list[LimitCheck] = []
     for start, segment in zip(motion.starts[:-1], motion.segments, strict=True):
-        found = certify(limits, enclose_segment(segment))
+        found = judge(limits, segment)
         if isinstance(segment, Periods):
             period = segment.trajectory.period
             found = tuple(

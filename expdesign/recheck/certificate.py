@@ -86,7 +86,7 @@ def certify(
     most : int
         Largest number of cells that are enclosed; the others stay open.
     """
-    edges = _divided(motion.breaks, cells)
+    edges = divided_cells(motion.breaks, cells)
     try:
         proof = _Proof(limits)
     except NoEnclosureError:
@@ -123,13 +123,13 @@ def _is_enclosed(limits: LimitModel, limit: Limit) -> bool:
 
 
 def _sampled(limits: LimitModel, motion: EnclosedMotion) -> tuple[LimitCheck, ...]:
-    edges = _divided(motion.breaks, LEAST_POINTS)
+    edges = divided_cells(motion.breaks, LEAST_POINTS)
     models = motion.models(edges)
     states = np.stack([model.at(np.zeros(len(edges))) for model in models], axis=1)
     return worst_sampled(limits, edges.mean(axis=1), limits.values(states))
 
 
-def _divided(breaks: Array, cells: int) -> Array:
+def divided_cells(breaks: Array, cells: int) -> Array:
     """Return the edges of cells between the breaks, (N, 2), about equally long."""
     steps = np.diff(breaks)
     counts = np.maximum(1, np.ceil(cells * steps / np.sum(steps))).astype(int)

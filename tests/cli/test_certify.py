@@ -9,8 +9,9 @@ import pytest
 
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.configuration.run import robot_yaml
-from expdesign.configuration.tolerances import Identification
+from expdesign.configuration.tolerances import Identification, IdentifiedDeviation
 from expdesign.recheck.limit_check import LimitCheck
+from expdesign.robot import load_robot, robot_from
 from expdesign.runfolder.manifest import Manifest, StageEntry, file_hash
 from expdesign.trajectory import FourierTrajectory
 from tests.export.motions import spline_motion_of, task
@@ -211,6 +212,7 @@ def test_tables_are_not_examined_for_other_joints(expdesign, made, tmp_path):
     assert [part["name"] for part in json.loads(answer)["parts"]] == ["design", "motion"]
     status, _, messages = expdesign("certify", made, "--robot", robot)
     assert "not examined: xps-pvt.trj, linuxcnc-gcode.ngc" in messages
+    assert "`expdesign certify DIR` examines" in messages
 
 
 @pytest.mark.parametrize("part", ["exports", "design.json", "run.yaml"])
@@ -444,3 +446,78 @@ def test_bad_input(expdesign, tmp_path, what):
 
 def test_a_folder_and_another_design(expdesign, made):
     assert expdesign("certify", made, "--design", made)[0] == 2
+
+
+def moved_joints(folder, size):
+    """Return joints of a robot that are elsewhere by up to a size, m, in all directions."""
+    own, rng = load_run(folder / "run.yaml").robot, np.random.default_rng(4)
+    return {
+        name: tuple(map(tuple, (getattr(own, name) + rng.uniform(-size, size, (6, 3))).tolist()))
+        for name in ("base_joints", "platform_joints")
+    }
+
+
+def zeros_of(folder, zeros):
+    """Return the keys of the robot with an identification that has found zeros, m."""
+    keys = heavier(folder, 1.0)
+    deviations = tuple(
+        IdentifiedDeviation(name=f"strut_length_{j}", tolerance=1e-3, value=zero, std=1e-5)
+        for j, zero in enumerate(zeros, 1)
+    )
+    known = keys["identification"]
+    response = tuple((0.0,) * 6 for _ in known.parameters)
+    changes = {"deviations": deviations, "response": response}
+    return keys | {"identification": known.model_copy(update=changes)}
+
+
+@pytest.mark.parametrize("zeros", [np.zeros(6), 1e-3 * np.array([1, -1, 0, 0.5, 0, -0.5])])
+def test_a_machine_with_other_joints_follows_the_commanded_lengths(
+    expdesign, made, tmp_path, zeros
+):
+    changes = moved_joints(made, 1e-3) | (zeros_of(made, zeros.tolist()) if np.any(zeros) else {})
+    file = write_robot(tmp_path / "moved.yaml", made, **changes)
+    status, answer, messages = expdesign("certify", made, "--robot", file, "--json")
+    assert status == 0, messages + json.loads(answer).get("message", "")
+    assert "their speeds and accelerations are those commanded" in messages
+    before = json.loads(expdesign("certify", made, "--json")[1])["parts"]
+    for part, own in zip(json.loads(answer)["parts"], before[:2], strict=True):
+        found, planned = ({limit["key"]: limit for limit in one["limits"]} for one in (part, own))
+        assert list(found) == list(planned)
+        assert all(limit["proved"] <= 1e-6 for limit in found.values())
+        for key in {"strut_speed", "strut_acceleration", "strut_jerk"} & set(found):
+            assert found[key]["value"] == planned[key]["value"]
+    design = json.loads((made / "design.json").read_text())
+    trajectory = FourierTrajectory(*(np.array(design[k]) for k in ("omega", "lambda0", "mu", "nu")))
+    controller, machine = robot_from(load_run(made / "run.yaml").robot), load_robot(str(file))
+    poses = trajectory.sample(np.linspace(0, trajectory.period, 4000)).pose
+    lengths = controller.inverse_kinematics(poses) - zeros
+    taken = machine.forward_kinematics(lengths, poses)
+    limits = {one["key"]: one for one in json.loads(answer)["parts"][0]["limits"]}
+    tilt = np.arccos(np.cos(taken[:, 3]) * np.cos(taken[:, 4]))
+    assert limits["tilt"]["value"] == pytest.approx(np.max(tilt), rel=1e-5)
+    assert np.max(tilt) != pytest.approx(np.arccos(np.max(np.cos(poses[:, 3]))), rel=1e-3)
+    worst = limits["strut_length"]
+    own = lengths[:, int(worst["row"].split()[1]) - 1]
+    assert worst["value"] == pytest.approx(
+        min(own, key=lambda q: abs(q - worst["value"])), abs=1e-6
+    )
+    assert worst["value"] in (
+        pytest.approx(own.min(), abs=1e-6),
+        pytest.approx(own.max(), abs=1e-6),
+    )
+    assert limits["actuator_force"]["value"] != before[0]["limits"][0]["value"]
+
+
+def test_a_broken_limit_of_another_machine_is_told_the_reserve_that_helps(
+    expdesign, made, tmp_path
+):
+    file = write_robot(tmp_path / "moved.yaml", made, **moved_joints(made, 1e-3))
+    reached = json.loads(expdesign("certify", made, "--robot", file, "--json")[1])["parts"]
+    tilt = max(one["value"] for part in reached for one in part["limits"] if one["key"] == "tilt")
+    limits = {**load_run(made / "run.yaml").robot.description.limits, "tilt": tilt / 1.002}
+    file = write_robot(tmp_path / "tight.yaml", made, **moved_joints(made, 1e-3), limits=limits)
+    status, answer, _ = expdesign("certify", made, "--robot", file, "--json")
+    message = json.loads(answer)["message"]
+    assert (status, "breaks tilt" in message) == (1, True)
+    assert "limits: {reserve: {tilt: 0.3 %}}" in message
+    assert f"`robot: {file}`" in message
