@@ -331,6 +331,10 @@ class ControlModelFile(JsonFile):
         described("", "forces along the motion, by actuator; empty: not known"),
     ]
     motion: Annotated[str, described("", "that the uncertainty is stated on; empty: none")]
+    doubts: Annotated[
+        tuple[str, ...],
+        described("", "parameters that are impossible or not identified, with advice"),
+    ] = ()
 
 
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")

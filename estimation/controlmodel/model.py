@@ -18,9 +18,10 @@ from constraints.arrays import Array
 from estimation.uncertainty.forces import ForceUncertainty
 from expdesign.configuration.tolerances import Identification, machine_name
 from expdesign.evaluation.batch import BatchFunction, Graph
+from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.mechanism.term import Friction, Term
+from expdesign.mechanism.term import Friction, Term, parameters_of
 from expdesign.recheck import excitable
 from expdesign.robot import Robot
 from expdesign.robot.limit_model import states_at_rest
@@ -76,6 +77,46 @@ class ControlModel:
     def identification(self) -> Identification | None:
         """How the robot's values are known."""
         return self.robot.description.description.identification
+
+    @cached_property
+    def parameter_std(self) -> Array | None:
+        """(m,), standard deviations of the parameters; None without an estimate."""
+        if (known := self.identification) is None:
+            return None
+        shares = known.covariance_random, known.covariance_systematic
+        variances = np.sum([np.diag(np.array(share)) for share in shares], axis=0)
+        return np.sqrt(np.maximum(variances[: len(self.robot.parameters)], 0.0))
+
+    @cached_property
+    def doubts(self) -> tuple[str, ...]:
+        """Estimated parameters that are impossible or not identified, with advice, in words."""
+        robot, std = self.robot, self.parameter_std
+        if std is None:
+            return ()
+        values, parts = robot.parameters, parameters_of(robot.terms)
+        impossible = [
+            f"{one.name} = {value:.3g} ± {spread:.2g} {one.unit}"
+            for one, value, spread in zip(parts, values, std, strict=True)
+            if value < one.lower or (one.strict and value == one.lower)
+        ]
+        found = []
+        if impossible or not robot.realisable.consistent(values):
+            which = f" ({', '.join(impossible)})" if impossible else ""
+            found.append(
+                f"no machine has these parameters{which}: the forces hold on motions like that of "
+                "the recording, within their standard deviations; elsewhere they may not, and a "
+                "mass matrix of the model may not be positive definite. What to do: estimate again "
+                "with `estimate.consistent: true` for the nearest possible ones"
+            )
+        weak = (std > 0) & (std >= IDENTIFIABLE * robot.scales)
+        if np.any(weak):
+            names = ", ".join(one.name for one, is_weak in zip(parts, weak, strict=True) if is_weak)
+            found.append(
+                f"not identified (σ of half of their scale or more): {names}. Forces may be wrong "
+                "on motions that excite them more than the recording. What to do: record such a "
+                "motion as well, or state what is known (`estimate.fixed`, `estimate.prior`)"
+            )
+        return tuple(found)
 
     @property
     def functions(self) -> dict[str, ModelFunction]:

@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
+from textwrap import wrap
 from types import MappingProxyType
 from typing import Any
 
@@ -25,7 +26,18 @@ from expdesign.evaluation.vector_code import LIBRARY, UnknownInstructionError
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import parameters_of
 
-_WORDS = {"α": "alpha", "β": "beta", "²": "^2", "·": " ", "–": "-", "…": "..."}
+_WORDS = {
+    "α": "alpha",
+    "β": "beta",
+    "σ": "std",
+    "²": "^2",
+    "·": " ",
+    "–": "-",
+    "…": "...",
+    "±": "+-",
+}
+_WIDTH = 84
+"""Largest number of characters of a doubt in the head of a file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,11 +111,7 @@ def home(model: ControlModel) -> ModelConstant:
 
 
 def _parameters(model: ControlModel) -> Iterator[str]:
-    known = model.identification
-    std = None
-    if known is not None:
-        variances = np.diag(known.covariance_random) + np.diag(known.covariance_systematic)
-        std = np.sqrt(np.maximum(variances, 0.0))
+    std = model.parameter_std
     for k, parameter in enumerate(parameters_of(model.robot.terms)):
         spread = "" if std is None else f", std {std[k]:.2g}"
         yield f"{parameter.name} [{parameter.unit}]{spread}: {plain(parameter.meaning)}"
@@ -176,6 +184,7 @@ def context(model: ControlModel, language: Language) -> dict[str, Any]:
         "robot": model.robot.name,
         "origin": model.origin,
         "uncertainty": uncertainty_lines(model),
+        "doubts": [line for one in model.doubts for line in wrap(plain(one), _WIDTH)],
         "width": repr(float(model.width)),
         "constants": [one for one in constants if not read.isdisjoint(one.places)],
         "home": home(model),

@@ -178,6 +178,7 @@ def _written_model(
         untested=made.untested,
         uncertainty=() if uncertainty is None else by_actuator(uncertainty, model.robot),
         motion=motion,
+        doubts=model.doubts,
     )
     result.write(target)  # last: it says that all else is there
     return result
@@ -247,14 +248,4 @@ def _doubts(model: ControlModel, known: Identification, file: str) -> Iterator[s
             "of the forces count the parameters alone, and are usually too large. Estimate again"
         )
     yield from known.warnings
-    parameters = [(term, one) for term in model.robot.terms for one in term.parameters]
-    negative = [
-        one.name
-        for (term, one), value in zip(parameters, model.robot.parameters, strict=True)
-        if term.is_friction and value < one.lower
-    ]
-    if negative:
-        yield (
-            f"negative friction would drive the machine: {', '.join(negative)} are not identified "
-            "well enough; see estimates.csv"
-        )
+    yield from model.doubts

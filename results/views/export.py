@@ -248,6 +248,10 @@ def control_models_view(models: Mapping[str, ControlModelFile]) -> StageView:
     verdict = StageVerdict("Control model", Level.NEUTRAL, first.title, f"From {origins}.", "model")
     blocks: list[Block] = [
         TextBlock(f"The identified robot for a controller: {origins}."),
+        *(
+            TextBlock(f"{text[0].upper()}{text[1:]}.", Level.CAUTION)
+            for text in dict.fromkeys(text for one in models.values() for text in one.doubts)
+        ),
         _tests_table(models),
     ]
     stated = [one for one in models.values() if one.uncertainty]

@@ -267,3 +267,46 @@ def test_forces_in_true_newtons_are_told(expdesign, folder, off, kind):
     assert ("true newtons" in err) == (off != 0)
     assert (f"{100 * off:+.2g} %" in err) == (off != 0)
     assert f"{kind}the estimate has corrected the force constants" in err or off == 0
+
+
+@pytest.mark.parametrize("name", ["c", "python"])
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        ({"p1": -0.2}, "no machine has these parameters (p1 = -0.2"),
+        ({"r3": -2.0, "p8": -1.0}, "(p8 = -1 "),
+        ({}, ""),
+    ],
+)
+def test_impossible_parameters_and_those_not_identified_are_named(
+    expdesign, folder, monkeypatch, name, change, found
+):
+    monkeypatch.setenv("CC", "no-such-compiler")
+    path = folder / "identified-robot.yaml"
+    robot = YAML().load(path)
+    known = robot["identification"]
+    nearest = EstimateFile.read(folder).best_estimator.consistent.values
+    robot["parameters"].update({**nearest, **change})
+    count, weak = len(known["parameters"]), known["parameters"].index("v2")
+    scales = load_robot(path).scales
+    variances = np.diag((1e-3 * scales) ** 2)
+    variances[weak, weak] = (0.6 * scales[weak]) ** 2
+    known["covariance_random"] = variances.tolist()
+    known["covariance_systematic"] = np.zeros((count, count)).tolist()
+    YAML().dump(robot, path)
+    status, out, err = expdesign("model", folder, "--format", name, "--json")
+    assert status == 0, err
+    head = next((folder / "model" / name).glob("palida_model.[hp]*")).read_text()[:5000]
+    doubts = json.loads(out)["doubts"]
+    assert doubts == list(ControlModelFile.read(folder / "model" / name).doubts)
+    assert [bool(found)] == ["no machine has these parameters" in text for text in (err,)]
+    assert found in err
+    assert "not identified (σ of half of their scale or more): v2." in err
+    assert len(doubts) == 1 + bool(found)
+    words = " ".join(line.lstrip(" *#") for line in head.splitlines())
+    assert "not identified (std of half of their scale or more): v2." in words
+    assert "estimate.fixed" in words
+    assert ("`estimate.consistent: true`" in words) == ("`estimate.consistent: true`" in err)
+    assert ("`estimate.consistent: true`" in err) == bool(found)
+    for one in change:
+        assert f"{one} = {change[one]:g} +-" in words
