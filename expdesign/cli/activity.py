@@ -30,11 +30,16 @@ _BAR = 16
 _MINUTE = 60
 
 
-def left_text(passed: float, share: float) -> str:
-    """Return the remaining time, from the time for a share of the whole; empty: unknown."""
+def left_text(passed: float, share: float, waited: float = 0.0) -> str:
+    """Return the remaining time, from the time for a share of the whole; empty: unknown.
+
+    The share was reached `waited` seconds ago. A step that takes longer makes the time unknown.
+    """
     if not 0 < share < 1 or passed < _SILENT:
         return ""
-    left = passed * (1 - share) / share
+    left = passed * (1 - share) / share - waited
+    if left <= 0:
+        return ""
     # An estimate: its seconds mean nothing.
     if left > _MINUTE:
         left = 5 * round(left / 5)
@@ -54,7 +59,7 @@ class Activity:
     def __init__(self, console: Console, name: str) -> None:
         self._console, self._name = console, name
         self._what, self._done, self._total, self._first = "", 0, 0, 0
-        self._began = self._since = time.monotonic()
+        self._began = self._since = self._stepped = time.monotonic()
         self._spoke = self._began - HEARTBEAT + _SILENT
         self._shown: tuple[str, int] | None = None
         self._spinner = Spinner("dots")
@@ -67,6 +72,9 @@ class Activity:
         if what != self._what:
             # Items of an earlier run are not part of the time.
             self._what, self._since, self._first = what, time.monotonic(), done
+            self._stepped = self._since
+        elif done != self._done:
+            self._stepped = time.monotonic()
         self._done, self._total = done, total
         self._write_line(HEARTBEAT)
 
@@ -88,7 +96,7 @@ class Activity:
         share = 0.0
         if self._total > self._first:
             share = (self._done - self._first) / (self._total - self._first)
-        left = left_text(now - self._since, share)
+        left = left_text(self._stepped - self._since, share, now - self._stepped)
         what = f": {self._what}" if self._what else ""
         rest = f" ({left})" if left else ""
         return f"{self._name}, {duration(round(now - self._began))}{what}{counted}{rest}"

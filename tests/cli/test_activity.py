@@ -87,6 +87,20 @@ def test_the_time_left_is_that_of_this_run(clock):
     assert "20 s left" in activity.line
 
 
+def test_the_time_left_never_grows_while_a_step_lasts(clock):
+    activity = Activity(Console(file=io.StringIO()), "estimate")
+    activity.show_progress("struts", 0, 6)
+    clock.now += 10.0
+    activity.show_progress("struts", 5, 6)
+    assert "about 2 s left" in activity.line
+    clock.now += 1.0
+    activity.show_progress("struts", 5, 6)
+    assert "about 1 s left" in activity.line
+    clock.now += 60.0
+    assert "left" not in activity.line
+    assert "5 of 6" in activity.line
+
+
 def test_nothing_is_said_while_another_display_has_the_terminal(clock):
     console = Console(file=io.StringIO(), width=200)
     activity = Activity(console, "design")
