@@ -378,8 +378,9 @@ class RecordingInformation:
         count, first = len(forces.repeats), len(total)
         own = np.moveaxis(forces.repeats - forces.values, 0, 2)
         of_lengths = np.moveaxis(lengths.repeats - lengths.values, 0, 2)
-        rows = len(system.length_rows.counts)
-        single = Signature(experiment.select_rows(own), of_lengths[:rows])
+        if not len(system.length_rows.counts):  # the lengths only made the motion, which is known
+            of_lengths = of_lengths[:0]
+        single = Signature(experiment.select_rows(own), of_lengths)
         gradients = (system.columns.T @ system.eliminate_signs(system.whiten(single)))[self._order]
         explained = self.total.slope.T @ gradients[first:]
         return np.asarray(total + gradients[:first] - explained) / count

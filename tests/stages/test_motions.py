@@ -24,6 +24,7 @@ from expdesign.export.certification import PathCertificate
 from expdesign.information.fisher import information_matrix
 from expdesign.solver.search import NoDesignError, SearchResult
 from expdesign.solver.starts import StartResult
+from expdesign.stages.execution import keep_search
 from expdesign.stages.stage import Workspace
 from expdesign.workers import Monitor, StoppedError
 from tests.blank_figures import blank_figures
@@ -100,6 +101,20 @@ def test_information_and_searches(folder):
     assert [one.accepted for one in result.searches] == [
         not np.isfinite(one.gain_percent) or one.gain_percent > 0.1 for one in result.searches
     ]
+
+
+def test_stages_after_the_motions_keep_their_search(folder, tmp_path):
+    """Options may have given it: the run file has another one."""
+    made = load_run(folder / "run.yaml").run.design
+    other = load_run(_run()).with_section("design", seed=made.seed + 9)
+    kept = keep_search(other, folder).run
+    assert (kept.design.seed, kept.trajectory.count) == (made.seed, COUNT)
+    (tmp_path / "run.yaml").write_bytes((folder / "run.yaml").read_bytes())
+    assert keep_search(other, tmp_path) is other, "without designs"
+    place = tmp_path / "motion-2"
+    place.mkdir()
+    (place / "design.json").write_bytes((folder / "motion-2" / "design.json").read_bytes())
+    assert keep_search(other, tmp_path).run.design.seed == made.seed, "of an interrupted run"
 
 
 def test_certify_and_next(folder):
