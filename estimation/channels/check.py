@@ -6,8 +6,9 @@ effects of the diagnosis, derivatives at the estimate, would interpret it as cog
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -99,8 +100,8 @@ class ChannelCheck:
     """Sentence on a lag of the forces that may be a delay, a filter or both; empty: none."""
     force_scale: str = ""
     """Sentence on a factor of all forces that no machine of the kind has; empty: none."""
-    least_delay: float = 0.0
-    """Smallest delay that is a fault, s."""
+    least_lag: Callable[[], float] = lambda: 0.0
+    """Returns the smallest lag of the forces that this recording would have shown, s."""
 
     def corrected(self, section: DataSection) -> dict[str, Any]:
         """Return the keys of the section that is right, without defaults, as in a run file."""
@@ -200,10 +201,11 @@ def check_channels(
     sure = sure and float(np.max(gain_errors)) < _LEAST_CERTAIN_GAIN
     shown = explained, as_given, noise_share
     scale = "" if none else describe_force_scale(robot, *model.nominal_scale(given))
+    least_lag = partial(search.least_lag, found, _EXPLAINED / (1 - _EXPLAINED))
     if explained < _EXPLAINED or (none and not sure):
-        return ChannelCheck((), {}, False, *shown, none, "", scale, least_delay)
+        return ChannelCheck((), {}, False, *shown, none, "", scale, least_lag)
     if not (faults or from_home):
-        return ChannelCheck((), {}, False, *shown, none, lag, scale, least_delay)
+        return ChannelCheck((), {}, False, *shown, none, lag, scale, least_lag)
     has_units = has_units or not section.units.keys().isdisjoint({"q", *LENGTH_CHANNELS})
     keys = dict(changed_keys(section, found, zeros, has_units))
     if from_home:

@@ -150,7 +150,8 @@ def with_channel_lag(model: ChannelModel, present: Candidate) -> Candidate:
     first = [columns(ChannelLag(*at, model.step)) for at in places]
     parameters = now.parameters(present.forces)
     slopes = np.stack([(each - now.columns) @ parameters for each in first], axis=2)
-    if model.largest_share(slopes, present, now) < OF_LAG * model.least_decrease:
+    rest = model.residuals(present, now)
+    if model.largest_share(slopes, rest, now) < OF_LAG * model.least_decrease:
         return present
 
     def late(group: str, strut: int, seconds: float) -> Candidate:

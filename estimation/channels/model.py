@@ -68,6 +68,7 @@ _UNLIKE = 0.1
 """Largest sum of 1 − correlation of the six lengths with those of a design that was executed."""
 _CLEARLY = 8.0
 MOST_SHIFTED = 2
+_TINY_LAG = 1e-9
 _CLEAR_WORK = 10.0
 """Work of the actuators over a period that is not noise, in standard deviations."""
 
@@ -351,13 +352,31 @@ class ChannelModel:
         fit = self.fit(self.motion(found.lengths), found.delay, found.low_pass or 0.0)
         return fit.fit_gains(found.forces)[1]
 
-    def largest_share(self, shapes: Array, present: Candidate, fit: ForceFit) -> float:
+    def effect_of_lag(self, present: Candidate, late: float) -> Array:
+        """Return what a further lag, s, changes in the forces beside all parameters, (R, 6)."""
+        motion, low_pass = self.motion(present.lengths), present.low_pass or 0.0
+        # A tiny lag, as the jumps of dry friction are spread behind any.
+        now = self.fit(motion, present.delay + _TINY_LAG, low_pass)
+        later = self.columns(motion, present.delay + late, low_pass)
+        effect = (later - now.columns) @ now.parameters(present.forces)
+        own = np.einsum("rim,ri->m", now.columns, effect) @ now.root
+        return np.asarray(effect - now.columns @ (now.root @ own), np.float64)
+
+    def residuals(self, present: Candidate, fit: ForceFit) -> Array:
+        """Return the forces that a fit does not explain with a wiring, (R, 6)."""
+        explained = fit.columns @ fit.parameters(present.forces)
+        return np.asarray(present.forces.apply(self.forces) - explained, np.float64)
+
+    def share(self, forces: Array) -> float:
+        """Return the energy of forces, (R, 6), relative to that of those measured."""
+        return float(np.sum(forces**2) / np.sum(self.forces**2))
+
+    def largest_share(self, shapes: Array, rest: Array, fit: ForceFit) -> float:
         """Return the largest share of the forces that one of some shapes, (R, 6, n), explains.
 
-        It is in addition to the columns of a fit.
+        It is the share in the `rest`, (R, 6), in addition to the columns of a fit.
         """
         columns = fit.columns
-        rest = present.forces.apply(self.forces) - columns @ fit.parameters(present.forces)
         own = np.einsum("rim,rin->nm", columns, shapes, optimize=True) @ fit.root
         energies = np.einsum("rin,rin->n", shapes, shapes)
         left = energies - np.sum(own**2, axis=1)

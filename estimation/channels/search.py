@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from constraints.arrays import Array
 from estimation.channels.lag import (
     LagSearch,
     columns_of_lags,
@@ -36,6 +37,9 @@ _MOSTLY = 0.4
 _ZERO_DIGITS = 0.05
 _ZEROS = np.array([-16, -8, -4, -2, -1, 0, 1, 2, 4, 8, 16])
 """Errors of a length's zero that are tried, in smallest faults."""
+_LAGS = np.geomspace(0.5, 20.0, 24)
+"""Lags that are tried, in steps of the recording."""
+_SIGMAS = 2.0
 _LEAST_SHARE = 0.2
 """Share of the unexplained forces that one of several faults must explain."""
 _ROUNDS = 4
@@ -172,10 +176,36 @@ class ChannelSearch:
         found = replace(found, excess=fit.excess(found.forces))
         return self._lags(found).delay_near(found, found.delay) if found.delay else found
 
-    def _is_no_imitation(self, present: Candidate, found: Candidate) -> bool:
-        """Return whether a delay or a zero explains more than any effect in one strut.
+    def least_lag(self, found: Candidate, over_the_rest: float) -> float:
+        """Return the smallest lag of all forces that would change the channels of a candidate, s.
 
-        The effects are a constant force, a spring, a gain and an inertia.
+        It must explain more than what stays unexplained, `over_the_rest` times.
+        """
+        needed = max(
+            self.model.least(replace(found, delay=self.model.step)),
+            over_the_rest * self.model.left(found.excess),
+        )
+        noise = _SIGMAS * np.sqrt(self.model.variance_of(found))
+        for late in (self.model.step * _LAGS).tolist():
+            effect = self.model.effect_of_lag(found, late)
+            # An effect in one strut may explain a part of the rest, and of the lag as well.
+            both = np.sqrt(self._imitated_shares(found, effect))
+            if np.sqrt(self.model.share(effect)) - noise > max(
+                np.sqrt(needed), float(np.sum(both))
+            ):
+                return max(self.model.least_delay, late)
+        return np.inf
+
+    def _is_no_imitation(self, present: Candidate, found: Candidate) -> bool:
+        """Return whether a delay or a zero explains more than any effect in one strut."""
+        (most,) = self._imitated_shares(present)
+        return present.excess - found.excess > max(self.model.least(found), most)
+
+    def _imitated_shares(self, present: Candidate, *others: Array) -> list[float]:
+        """Return the share of the forces that the best effect in one strut explains.
+
+        And the same of `others`, (R, 6) each. The effects are a constant force, a spring, a gain
+        and an inertia.
         """
         motion = self.model.motion(present.lengths)
         fit = self.model.fit(motion, present.delay, present.low_pass or 0.0)
@@ -190,8 +220,8 @@ class ChannelSearch:
         own = np.concatenate(
             [self.model.whiten(each)[:, :, None] * _EACH for each in shapes], axis=2
         )
-        most = self.model.largest_share(own, present, fit)
-        return present.excess - found.excess > max(self.model.least(found), most)
+        rests = self.model.residuals(present, fit), *others
+        return [self.model.largest_share(own, rest, fit) for rest in rests]
 
     def _neighbours(self, present: Candidate, known: bool) -> Iterator[tuple[Wiring, float]]:
         """Yield lengths and delays that differ by one change; delays only for known lengths."""

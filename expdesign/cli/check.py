@@ -165,11 +165,13 @@ def show_channels(run: str, data: Path, design: Path | None, *, as_json: bool) -
     if failure:
         raise StageFailed(failure)
     if not (found.faults or doubts or found.as_given is None):
+        lag = 1e3 * found.least_lag()
+        least = f"a delay of less than {lag:.2g} ms, or a mean over less than {2 * lag:.2g} ms,"
         note(
             f"the channels are those of the struts: they explain {given}, and noise is "
-            f"{100 * found.noise:.3g} %; no other ones explain the forces better. Not examined: a "
-            f"delay of less than {1e3 * found.least_delay:.3g} ms, a mean over less than "
-            f"{2e3 * found.least_delay:.3g} ms"
+            f"{100 * found.noise:.3g} %; no other ones explain the forces better. With what stays "
+            f"unexplained, {least if np.isfinite(lag) else 'a delay'} may not be found: "
+            "`tolerances.delay` lets the estimate find smaller ones"
         )
 
 
