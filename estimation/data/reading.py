@@ -526,8 +526,9 @@ def refuse_implausible_lengths(
     stated = section.length_offsets != "home" and any(section.length_offsets)
     far = stated & ((middle < allowed.lower - stroke) | (middle > allowed.upper + stroke))
     readings = _Readings.of(middle, table, section, robot)
-    unit, problems = readings.unit_of_zeros(allowed), []
-    for strut in np.flatnonzero(~allowed.fits(middle)).tolist():
+    unit, problems, unexplained = readings.unit_of_zeros(allowed), [], False
+    fits = allowed.fits(middle)
+    for strut in np.flatnonzero(~fits).tolist():
         message = f"around {middle[strut]:.4g} m long, out of this robot's range"
         row = int(np.argmax(outside[:, strut]))
         if unit:
@@ -535,10 +536,13 @@ def refuse_implausible_lengths(
             hint = f"; data.offset is {zero} m, and the length would fit with {zero} {unit}"
         else:
             hint = _hint(allowed, readings, strut)
-            if explained and (hint or not far[strut]):
-                continue
+        unexplained |= bool(unit) or not explained or bool(far[strut] and not hint)
         problems.append(allowed.problem(table, strut, row, message + hint))
-    if problems:
+    if unexplained:
+        if stated and np.any(fits):
+            others = ", ".join(str(strut + 1) for strut in np.flatnonzero(fits).tolist())
+            text = f"; struts {others} have possible lengths, but their zeros may be wrong as well"
+            problems[-1] = replace(problems[-1], message=problems[-1].message + text)
         raise InputError(problems)
     if explained:
         return

@@ -38,12 +38,14 @@ from estimation.diagnostics.noise_result import (
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness, noise_tests, whiteness
 from estimation.diagnostics.plausibility import plausibility
 from estimation.diagnostics.reliability import (
+    CandidateReliability,
     UndetectedEffect,
     candidate_reliability,
     common_effect_findings,
     join_recordings,
     largest_change_in_words,
     undetected_effects,
+    wanted_changes_in_words,
 )
 from estimation.diagnostics.residual_covariance import (
     ResidualCovariance,
@@ -75,8 +77,10 @@ from estimation.measurement_model import Motion, SplineMotion
 from estimation.measurement_model.motion import NormalEquations
 from estimation.processing import PeriodSource
 from expdesign.configuration.tolerances import RobotTolerances
+from expdesign.mechanism.terms import parameter_unit
 from expdesign.progress import report_progress, track
 from expdesign.robot import Robot
+from expdesign.robot.derived import ErrorShares, derived_quantities, known_quantities
 
 _Residuals = tuple[Array, ResidualCovariance]
 """Residuals of forces, N, or lengths, m, with their covariance under a correct model."""
@@ -91,6 +95,7 @@ def diagnose(
     held_out: bool = False,
     findings: Sequence[Finding] = (),
     channels: Sequence[Finding] = (),
+    wanted: Sequence[str] = (),
 ) -> ResidualDiagnosis:
     """Diagnose an estimate, or its prediction of held-out data.
 
@@ -111,6 +116,9 @@ def diagnose(
         Further findings on the estimate.
     channels : sequence of Finding
         Findings of wrong channels, which explain other failures.
+    wanted : sequence of str
+        Parameters, derived quantities or groups of them whose changes by undetected effects the
+        verdict states; by default mass and centre.
     """
     cases = [
         _linearise(robot, experiment, number, priors, estimate, held_out=held_out)
@@ -126,14 +134,8 @@ def diagnose(
     if held_out:
         judgement = verdict(results)
     else:
-        names = np.array(priors.names)[priors.free].tolist()
         candidates = join_recordings([result.reliability for result in results])
-        std = estimate.std[priors.free]
-        undetected = undetected_effects(candidates, names, std)
-        values, stds = (
-            dict(zip(names, each.tolist(), strict=True))
-            for each in (estimate.values[priors.free], std)
-        )
+        undetected, words = _undetected(robot, priors, estimate, candidates, wanted)
         judgement = verdict(
             results,
             *check_motion_onset([case.experiment for case in cases]),
@@ -143,10 +145,38 @@ def diagnose(
             plausibility(robot, priors, estimate),
             *findings,
             channels=channels,
-            undetected=largest_change_in_words(undetected, values, stds),
+            undetected=words,
         )
     tests = tuple(result.tests for result in results)
     return ResidualDiagnosis(estimate.estimator, judgement, tests, undetected, results)
+
+
+def _undetected(
+    robot: Robot,
+    priors: ParameterPriors,
+    estimate: ParameterEstimate,
+    candidates: Sequence[CandidateReliability],
+    wanted: Sequence[str],
+) -> tuple[tuple[UndetectedEffect, ...], tuple[str, str]]:
+    """Return the undetected effects, and their changes of wanted and other quantities in words."""
+    names, std = np.array(priors.names)[priors.free].tolist(), estimate.std[priors.free]
+    values, stds = (
+        dict(zip(names, each.tolist(), strict=True)) for each in (estimate.values[priors.free], std)
+    )
+    derived = derived_quantities(robot, estimate.values)
+    errors = ErrorShares(estimate.covariance, np.zeros((len(estimate.values), 0)), ())
+    known = list(known_quantities(derived, errors, robot.scales, priors.regrouping))
+    rows = dict(zip(derived.names, derived.jacobian[:, priors.free], strict=True))
+    found = undetected_effects(
+        candidates, names, std, {one.quantity: rows[one.quantity] for one in known}
+    )
+    of_wanted = wanted_changes_in_words(
+        found,
+        stds | {one.quantity: one.std for one in known},
+        {name: parameter_unit(name) for name in names} | {one.quantity: one.unit for one in known},
+        wanted or ("mass", "centre"),
+    )
+    return found, (of_wanted, largest_change_in_words(found, values, stds))
 
 
 @dataclass(frozen=True, eq=False)

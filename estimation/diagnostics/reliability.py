@@ -26,6 +26,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Annotated
 
 import numpy as np
@@ -39,7 +40,7 @@ from estimation.diagnostics.attribution import (
     describe_candidate,
     hypothesis_finding,
 )
-from estimation.diagnostics.finding import Finding
+from estimation.diagnostics.finding import Finding, join_words
 from estimation.diagnostics.hypothesis import Hypothesis
 from estimation.diagnostics.joint_system import (
     DETERMINED,
@@ -55,6 +56,7 @@ from estimation.kinematics import PointwiseMotion
 from estimation.measurement_model.motion import root_of_pseudo_inverse
 from expdesign.configuration import quantity_text
 from expdesign.mechanism.terms import parameter_unit
+from expdesign.robot.derived import belongs_to
 from expdesign.runfolder import described
 
 _MOST_RIVALS = 5
@@ -77,6 +79,9 @@ class UndetectedEffect:
     text: Annotated[str, described("", "the effect and its size in words")]
     shifts: Annotated[
         dict[str, float], described("SI", "largest change of every estimated parameter")
+    ]
+    derived: Annotated[
+        dict[str, float], described("SI", "largest change of every derived quantity")
     ]
     sigmas: Annotated[
         float, described("1", "largest change in standard deviations of the parameter")
@@ -304,7 +309,10 @@ def _is_rival(one: CandidateReliability, best: CandidateReliability) -> bool:
 
 
 def undetected_effects(
-    candidates: Sequence[CandidateReliability], names: Sequence[str], std: Array
+    candidates: Sequence[CandidateReliability],
+    names: Sequence[str],
+    std: Array,
+    derived: Mapping[str, Array] = MappingProxyType({}),
 ) -> tuple[UndetectedEffect, ...]:
     """Return what every candidate may do undetected, the largest change first.
 
@@ -316,15 +324,21 @@ def undetected_effects(
         The k estimated parameters.
     std : (k,)
         Their standard deviations, SI.
+    derived : mapping of str to (k,)
+        Derivatives of further quantities with respect to them, SI.
     """
-    effects = [_undetected(each, names, std) for each in candidates]
+    effects = [_undetected(each, names, std, derived) for each in candidates]
     return tuple(sorted(effects, key=lambda effect: -effect.sigmas))
 
 
-def _undetected(own: CandidateReliability, names: Sequence[str], std: Array) -> UndetectedEffect:
-    covariance = own.fit.covariance
-    spreads = np.einsum("kq,qr,kr->k", own.shift, covariance, own.shift)
-    shifts = np.sqrt(own.noncentrality * spreads)
+def _undetected(
+    own: CandidateReliability, names: Sequence[str], std: Array, derived: Mapping[str, Array]
+) -> UndetectedEffect:
+    covariance, count = own.fit.covariance, len(names)
+    moves = np.concatenate([own.shift, *(row[None] @ own.shift for row in derived.values())])
+    every = np.einsum("kq,qr,kr->k", moves, covariance, moves)
+    changes = np.sqrt(own.noncentrality * np.maximum(every, 0.0))
+    spreads, shifts = every[:count], changes[:count]
     k = int(np.argmax(shifts / std))
     direction, spread = covariance @ own.shift[k], float(spreads[k])
     change = direction * np.sqrt(own.noncentrality / spread) if spread > 0 else direction
@@ -341,6 +355,7 @@ def _undetected(own: CandidateReliability, names: Sequence[str], std: Array) -> 
         size=float(np.linalg.norm(shown)),
         text=describe_candidate(own.hypothesis, name, strut, shown),
         shifts=dict(zip(names, shifts.tolist(), strict=True)),
+        derived=dict(zip(derived, changes[count:].tolist(), strict=True)),
         sigmas=float(shifts[k] / std[k]),
         worst=names[k],
         forces=float(np.sqrt(moved @ own.gram @ moved)),
@@ -378,6 +393,52 @@ def largest_change_in_words(
         percent = 100 * effect.shifts[name] / abs(values[name])
         size += f", {float(f'{percent:.2g}'):g} % of it"
     return f"{effect.text} would not be seen and could change {name} by up to {size}"
+
+
+def wanted_changes_in_words(
+    effects: Sequence[UndetectedEffect],
+    stds: Mapping[str, float],
+    units: Mapping[str, str],
+    wanted: Sequence[str],
+) -> str:
+    """Compare the changes of wanted quantities by any effect with their standard deviations.
+
+    Parameters
+    ----------
+    effects : sequence of UndetectedEffect
+    stds, units : mapping
+        Of parameters and derived quantities, SI.
+    wanted : sequence of str
+        Names of parameters, derived quantities or groups of them; others are left out.
+
+    Examples
+    --------
+    >>> wanted_changes_in_words((), {}, {}, ("mass",))
+    ''
+    """
+    within, beyond = dict[str, str](), list[str]()
+    for name in dict.fromkeys(wanted):
+        changes = [
+            (change / stds[one], change, one, effect.text.partition(" (")[0].removeprefix("a "))
+            for effect in effects
+            for one, change in {**effect.shifts, **effect.derived}.items()
+            if belongs_to(one, name) and stds.get(one, 0.0) > 0
+        ]
+        if not changes:
+            continue
+        ratio, change, one, by = max(changes)
+        size = f"{1e3 * change:.2g} mm" if units[one] == "m" else ""
+        size = size or quantity_text(change, units[one], 2)
+        if ratio <= 1:
+            within[name] = size
+        else:
+            beyond.append(f"{name} by {size} ({ratio:.2g} σ, {by})")
+    found = [f"may change {', '.join(beyond)}"] if beyond else []
+    if within:
+        names, each = (join_words(part) for part in (within, within.values()))
+        whose = "its" if len(within) == 1 else "their"
+        found.append(f"change {names} by less than {whose} σ (at most {each})")
+    return f"undetected effects {', and '.join(found)}" if found else ""
 
 
 def undetected_std(effects: Sequence[UndetectedEffect]) -> dict[str, float]:

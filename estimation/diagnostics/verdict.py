@@ -173,12 +173,13 @@ def verdict(
     experiments: Sequence[AttributedDiagnosis],
     *of_the_estimate: Finding,
     channels: Sequence[Finding] = (),
-    undetected: str = "",
+    undetected: tuple[str, str] = ("", ""),
 ) -> DiagnosisVerdict:
     """Judge an estimate by its own findings and by those of its experiments.
 
-    `channels` are findings of wrong channels, which explain other failures; `undetected` names an
-    effect that no test would find. Serious failures come first, causes before their consequences.
+    `channels` are findings of wrong channels, which explain other failures; `undetected` states
+    what effects that no test would find change of wanted quantities, and the worst of them. Serious
+    failures come first, causes before their consequences.
     """
     of_the_forces = tuple(
         finding.of_experiment(number) if len(experiments) > 1 else finding
@@ -201,8 +202,9 @@ def verdict(
             "accepted: no test contradicts the prediction, which confirms the forces on motions "
             "like this one, not the single parameters"
         )
-    if undetected:
-        summary += f", but {undetected}"
+    of_wanted, worst = undetected
+    summary += f"; {of_wanted}" if of_wanted else ""
+    summary += f", but {worst}" if worst else ""
     untested = dict.fromkeys(
         f.assumption for f in findings if f.outcome is FindingOutcome.NOT_TESTED
     )

@@ -127,6 +127,7 @@ def diagnose_estimation(estimation: Estimation) -> ResidualDiagnosis | None:
         estimation.best,
         findings=() if chosen is None else chosen.findings,
         channels=channel_findings(estimation.channels),
+        wanted=estimation.configuration.run.wanted,
     )
 
 

@@ -26,9 +26,9 @@ from expdesign.trajectory import FourierTrajectory
 
 LIMIT = "actuator_force"
 """Key of the limit that is judged."""
-LIKELY = 2.0
+SIGMAS = 2.0
 """Standard deviations that are added to a force which is compared with its limit."""
-JUDGE = "`expdesign certify DIR --robot DIR/identified-robot.yaml`"
+CERTIFY_COMMAND = "`expdesign certify DIR --robot DIR/identified-robot.yaml`"
 _SAMPLES = 400
 """Of one period: many to each of its harmonics."""
 
@@ -73,7 +73,7 @@ class ActuatorForce:
     ] = np.nan
     likely_excess: Annotated[
         OpenNumber,
-        described("N", f"largest excess of a force with {LIKELY:g} standard deviations added"),
+        described("N", f"largest excess of a force with {SIGMAS:g} standard deviations added"),
     ] = np.nan
 
 
@@ -146,7 +146,7 @@ def by_actuator(found: ForceUncertainty, robot: Robot) -> tuple[ActuatorForce, .
         excess = np.maximum(found.forces - upper, lower - found.forces)
         worst = np.argmax(excess, axis=0), np.arange(excess.shape[1])
         columns += [one[worst] for one in (found.forces, bounds, excess)]
-        columns.append(np.max(excess + LIKELY * found.std, axis=0))
+        columns.append(np.max(excess + SIGMAS * found.std, axis=0))
     rows = zip(*(column.tolist() for column in columns), strict=True)
     return tuple(ActuatorForce(j, *row) for j, row in enumerate(rows, start=1))
 
@@ -169,20 +169,20 @@ def force_limit_in_words(row: ActuatorForce) -> str:
     if row.excess > 0:
         return (
             f"{begin}, exceeded by {row.excess:.3g} N, by up to {row.likely_excess:.3g} N with "
-            f"{LIKELY:g} σ"
+            f"{SIGMAS:g} σ"
         )
     if row.likely_excess > 0:
-        return f"{begin}, kept, but exceeded by up to {row.likely_excess:.3g} N with {LIKELY:g} σ"
-    return f"{begin}, kept, also with {LIKELY:g} σ of the force ({-row.likely_excess:.3g} N left)"
+        return f"{begin}, kept, but exceeded by up to {row.likely_excess:.3g} N with {SIGMAS:g} σ"
+    return f"{begin}, kept, also with {SIGMAS:g} σ of the force ({-row.likely_excess:.3g} N left)"
 
 
 def force_warning(rows: Sequence[ActuatorForce]) -> str:
     """Return a warning if a force exceeds its limit by more than noise explains; else empty."""
-    beyond = [row for row in rows if row.excess > LIKELY * row.rms_random]
+    beyond = [row for row in rows if row.excess > SIGMAS * row.rms_random]
     if not beyond:
         return ""
     worst = max(beyond, key=lambda row: row.excess)
     return (
         "the identified machine exceeds its force limit on this motion: "
-        f"{force_limit_in_words(worst)}. {JUDGE} judges the motion from rest to rest"
+        f"{force_limit_in_words(worst)}. {CERTIFY_COMMAND} judges the motion from rest to rest"
     )

@@ -107,6 +107,12 @@ class RunDescription(schema.Section):
     scheduler: Annotated[schema.FilledText, _ADDRESS] | None = None
     """Address of a Dask cluster."""
 
+    @property
+    def wanted(self) -> tuple[str, ...]:
+        """Names of the goals and of the quantities of interest."""
+        interest = self.design.interest
+        return (*self.goals, *(interest if isinstance(interest, tuple) else ()))
+
     @model_validator(mode="before")
     @classmethod
     def _fill_empty_sections(cls, data: Any) -> Any:

@@ -68,6 +68,7 @@ from expdesign.robot.derived import (
     NOISE,
     ErrorShares,
     KnownQuantity,
+    belongs_to,
     derived_quantities,
     known_quantities,
 )
@@ -212,14 +213,13 @@ def precision_in_words(configuration: RunConfiguration, trajectory: FourierTraje
         errors = predicted_errors(configuration, evaluator, trajectory, information, samples)
     except fisher.SingularInformationError:
         return "not every parameter is identifiable"
-    robot, interest = evaluator.robot, run.design.interest
-    wanted = (*run.goals, *(interest if isinstance(interest, tuple) else ())) or ("mass",)
+    robot, wanted = evaluator.robot, run.wanted or ("mass",)
     scales = dict(zip(robot.parameter_names, robot.scales.tolist(), strict=True))
     std = dict(zip(evaluator.names, errors.std.tolist(), strict=True))
     shares = {name: value / scales[name] for name, value in std.items()}
     shown = []
     for one in derived_precisions(configuration, evaluator, errors):
-        if not any(f"{one.quantity}_".startswith(f"{name}_") for name in wanted):
+        if not any(belongs_to(one.quantity, name) for name in wanted):
             continue
         if np.isfinite(one.rel_std_percent):
             size = _percent(one.rel_std_percent / 100)

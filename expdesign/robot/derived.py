@@ -92,6 +92,17 @@ def derived_quantities(robot: Robot, parameters: Array | None = None) -> Derived
     )
 
 
+def belongs_to(quantity: str, name: str) -> bool:
+    """Return whether a quantity is the named one, or one of the named group.
+
+    Examples
+    --------
+    >>> belongs_to("centre_x", "centre"), belongs_to("platform_centre_x", "centre")
+    (True, False)
+    """
+    return f"{quantity}_".startswith(f"{name}_")
+
+
 _Rows = Iterator[tuple[DerivedQuantity, float, Array]]
 
 

@@ -89,9 +89,8 @@ def undetected_blocks(
     for one in effects:  # the largest change first
         worst.setdefault(one.kind, one)
     text = (
-        "The tests may miss effects of the sizes in the report: state their terms under "
-        "`tolerances.terms`, zero if the machine has none, or record another motion."
-        f"{_uncertain_parameters(rows)}"
+        f"Undetected effects{_uncertain_parameters(rows)}. State them under `tolerances.terms`, "
+        "zero if the machine has none, or record another motion."
     )
     more = (
         "σ then includes a stated effect. The column std_undetected of estimates.csv contains what "
@@ -120,12 +119,13 @@ def _uncertain_parameters(rows: Sequence[ParameterRow]) -> str:
     order = [k for k in np.argsort(-shares) if shares[k] >= IDENTIFIABLE]
     named = [
         f"{known[k].parameter} by {quantity_text(known[k].std_undetected, known[k].unit, 2)} "
-        f"({quantity_text(known[k].a_priori, known[k].unit, 2)} a priori)"
-        for k in order[:_MOST_NAMED]
+        f"({'' if number else 'a priori '}{known[k].a_priori:.2g})"
+        for number, k in enumerate(order[:_MOST_NAMED])
     ]
     if len(order) > _MOST_NAMED:
-        named.append(f"{len(order) - _MOST_NAMED} more by over half of theirs")
-    return f" They make uncertain (σ): {listed(named)}." if named else ""
+        named.append(f"{len(order) - _MOST_NAMED} more by over half")
+    words = f"make uncertain: {listed(named)}" if named else "are in the report"
+    return f" {words}"
 
 
 _MOST_NAMED = 3

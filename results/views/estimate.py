@@ -11,7 +11,12 @@ import numpy as np
 from estimation.diagnostics.finding import Status
 from estimation.identification.result import EstimatedRecording, EstimateFile, EstimationResult
 from estimation.twin.truth import Truth
-from estimation.uncertainty.forces import JUDGE, LIKELY, force_limit_in_words, worst_force
+from estimation.uncertainty.forces import (
+    CERTIFY_COMMAND,
+    SIGMAS,
+    force_limit_in_words,
+    worst_force,
+)
 from estimation.uncertainty.intervals import Differences
 from results.figures.noise import NOISE_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
@@ -276,9 +281,9 @@ def _details(folder: RunFolder, result: EstimateFile) -> tuple[Fact, ...]:
         alone = f"{first.harmonics} in the lengths alone" if together > first.harmonics else ""
         facts.append(Fact("harmonics of the motion", str(together), alone))
     if (row := worst_force(result.forces)) is not None:
-        note = f"{-row.likely_excess:.3g} N left with {LIKELY:g} σ, strut {row.actuator}"
+        note = f"{-row.likely_excess:.3g} N left with {SIGMAS:g} σ, strut {row.actuator}"
         if row.likely_excess > 0:
-            note = f"{force_limit_in_words(row)}; {JUDGE} judges the motion from rest to rest"
+            note = f"{force_limit_in_words(row)}; {CERTIFY_COMMAND} judges it from rest to rest"
         kept = "exceeded" if row.excess > 0 else "kept" if row.likely_excess <= 0 else "just kept"
         facts.append(Fact("force limit, by this estimate", kept, note))
     return tuple(facts)

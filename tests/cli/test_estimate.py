@@ -111,6 +111,39 @@ def test_the_screen_of_an_estimate_names_the_worst_that_would_not_be_seen(folder
     assert f"and {np.sum(share >= 0.5) - 3} more by over half" in words
 
 
+@pytest.mark.parametrize("wanted", ["mass", "centre", "v1"])
+def test_the_verdict_states_what_undetected_effects_change_of_what_the_run_asks_for(
+    folder, command, wanted
+):
+    goal = "1 mm" if wanted == "centre" else "1 %"
+    run = {"name": "lab", "robot": "palida", "goals": {wanted: goal}}
+    (folder / "run.yaml").write_text(json.dumps(run))
+    write(folder / "recording.csv", seed=1)
+    assert command(*arguments(folder)).status == 0
+    record = json.loads((folder / "out" / "estimate.json").read_text())
+    stds = {one["quantity"]: one["std"] for one in record["estimators"]["ml"]["derived"]}
+    stds |= _rows(folder).set_index("parameter")["std"].to_dict()
+    ratio, change, text = max(
+        (size / stds[name], size, effect["text"])
+        for effect in record["diagnostics"]["undetected"]
+        for name, size in {**effect["shifts"], **effect["derived"]}.items()
+        if name == wanted or name.startswith(f"{wanted}_")
+    )
+    words = record["diagnostics"]["verdict"]["summary"]
+    named, unit, sigmas, by = re.search(
+        rf"undetected effects may change {wanted} by ([\d.]+) ([^(]+) \(([\d.]+) σ, ([^()]+)\)",
+        words,
+    ).groups()
+    assert float(sigmas) == pytest.approx(ratio, rel=0.05)
+    assert text.removeprefix("a ").startswith(by)
+    scale = {"mass": ("kg", 1), "centre": ("mm", 1e3), "v1": ("N s/m", 1)}
+    assert (unit, float(named)) == (
+        scale[wanted][0],
+        pytest.approx(scale[wanted][1] * change, rel=0.05),
+    )
+    assert words.index("undetected effects") < words.index("could change")
+
+
 def test_an_estimate_writes_what_the_contract_names(folder, expdesign, monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")
     result = Outcome(*expdesign(*arguments(folder)))
@@ -309,7 +342,29 @@ def test_forces_that_no_channels_explain(command, folder):
         said = command("check", *given).error
         assert ("no channels explain the forces" in said) == unexplained
         assert ("the channels are those of the struts" in said) != unexplained
-        assert ("Not examined: a delay of less than 3.75 ms" in said) != unexplained
+        assert ("a delay of less than" in said) != unexplained
+
+
+@pytest.mark.parametrize("noise", [1.0, 4.0])
+def test_a_delay_is_found_from_the_size_on_that_a_sound_recording_states(command, folder, noise):
+    def given(name, late):
+        text = {"delay": {"forces": f"{-late} ms"}} if late else {}
+        run = {"name": "lab", "robot": "palida", "data": text}
+        (folder / "run.yaml").write_text(json.dumps(run))
+        arguments = ("check", folder / "run.yaml", "--data", folder / name, "--design", folder)
+        return command(*arguments), json.loads(command(*arguments, "--json").output)["channels"]
+
+    def more_noise(table):
+        size = 20 * (noise - 1) * np.random.default_rng(3).standard_normal((len(table), 6))
+        return table.assign(**{f"Q{j}": table[f"Q{j}"] + size[:, j - 1] for j in range(1, 7)})
+
+    write(folder / "recording.csv", change=more_noise)
+    said = given("recording.csv", 0.0)[0].error
+    least = float(re.search(r"a delay of less than ([\d.]+) ms, or a mean over", said)[1])
+    assert least >= 3.7, "three quarters of a sample"
+    for share, found in ((0.5, False), (1.25, True)):
+        channels = given("recording.csv", share * least)[1]
+        assert bool(channels["lag"] or channels["faults"]) == found, (share, least, channels)
 
 
 def test_another_unit_than_that_of_the_file_is_a_scale(command, folder):
@@ -389,3 +444,26 @@ def test_lengths_that_no_pose_has_refer_to_the_design(command, folder, monkeypat
     found = json.loads(command(*given, "--json").output)
     assert found["data"] == {"file": str(folder / "recording.csv")}
     assert found["message"] == "no pose has the measured lengths"
+
+
+def test_all_zeros_that_may_be_wrong_are_named(command, folder):
+    limit = load_robot("palida").description.limits["strut_length"]
+    lower, upper = (float(one[0]) for one in limit.stated_bounds)
+    stroke = upper - lower
+    middle = pd.read_csv(folder / "recording.csv")[LENGTHS].median()
+    write(folder / "zeros.csv", change=lambda table: table.assign(**(table[LENGTHS] - middle)))
+
+    def problems(*middles):
+        run = {"name": "lab", "robot": "palida", "data": {"offset": list(middles)}}
+        (folder / "run.yaml").write_text(json.dumps(run))
+        given = (folder / "run.yaml", "--data", folder / "zeros.csv", "--design", folder, "--json")
+        result = command("check", *given)
+        assert result.status == 2
+        return [one["message"] for one in json.loads(result.output)["problems"]]
+
+    outside, far = lower - 0.6 * stroke, lower - 1.5 * stroke
+    found = problems(outside, outside, outside, far, far, far)
+    assert [message.split()[:2] for message in found] == [["strut", f"{j}"] for j in range(1, 7)]
+    found = problems(upper, outside, outside, far, far, far)
+    assert len(found) == 5
+    assert "struts 1 have possible lengths, but their zeros may be wrong as well" in found[-1]

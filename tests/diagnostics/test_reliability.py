@@ -8,10 +8,16 @@ import pytest
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.finding import Status
 from estimation.diagnostics.hypothesis import evaluate_hypothesis
-from estimation.diagnostics.reliability import join_recordings, undetected_std
+from estimation.diagnostics.reliability import (
+    UndetectedEffect,
+    join_recordings,
+    undetected_std,
+    wanted_changes_in_words,
+)
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.robot import robot_from
+from expdesign.robot.derived import derived_quantities
 from tests.diagnostics.conftest import Laboratory
 
 
@@ -46,6 +52,13 @@ def test_an_effect_of_that_size_moves_the_estimate_by_that_much(lab, found, kind
     expected = np.array([effect.shifts[name] for name in names]) / estimates[0].std
     np.testing.assert_allclose(moved, expected, atol=0.1 + 0.03 * np.max(expected))
     assert names[int(np.argmax(expected))] == effect.worst
+    mass, centre = (
+        [derived_quantities(lab.robot, one.values).values[k] for one in estimates]
+        for k in map(derived_quantities(lab.robot).names.index, ("mass", "centre_z"))
+    )
+    assert abs(mass[0] - mass[1]) / 2 == pytest.approx(effect.derived["mass"], rel=0.1, abs=0.02)
+    own = abs(centre[0] - centre[1]) / 2
+    assert own == pytest.approx(effect.derived["centre_z"], rel=0.1, abs=1e-4)
     assert effect.sigmas == pytest.approx(np.max(expected), rel=0.05)
 
 
@@ -124,6 +137,44 @@ def test_the_spread_is_that_of_sizes_below_the_detectable_one(lab):
         moved = inside @ (candidate.shift @ root).T
         largest = np.maximum(largest, np.std(moved, axis=0))
     np.testing.assert_allclose(list(spread.values()), largest, rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "words"),
+    [
+        (("mass",), "undetected effects change mass by less than its σ (at most 0.2 kg)"),
+        (
+            ("mass", "centre", "mass"),
+            "undetected effects may change centre by 3 mm (3 σ, one), and change mass by less than "
+            "its σ (at most 0.2 kg)",
+        ),
+        (("p10", "mass"), "change p10 and mass by less than their σ (at most 0.2 kg and 0.2 kg)"),
+        (("inertia",), ""),
+    ],
+)
+def test_changes_of_wanted_quantities_in_words(wanted, words):
+    sizes = ((0.1, 0.003), (0.2, 0.001))
+    effects = [
+        UndetectedEffect(
+            kind=kind,
+            strut=None,
+            parameter="",
+            constant=None,
+            freedom=1,
+            size=1.0,
+            text=kind,
+            shifts={"p10": mass},
+            derived={"mass": mass, "centre_z": centre},
+            sigmas=1.0,
+            worst="p10",
+            forces=1.0,
+        )
+        for kind, (mass, centre) in zip(("one", "other"), sizes, strict=True)
+    ]
+    stds = {"p10": 0.25, "mass": 0.25, "centre_z": 0.001}
+    units = {"p10": "kg", "mass": "kg", "centre_z": "m"}
+    assert wanted_changes_in_words(effects, stds, units, wanted).endswith(words)
+    assert bool(wanted_changes_in_words(effects, stds, units, wanted)) == bool(words)
 
 
 def test_held_out_data_have_none(lab):
