@@ -95,6 +95,7 @@ class SearchDisplay:
 
     def report(self, event: SearchEvent) -> None:
         """Show one event."""
+        self._before.paused = True
         if not self._built:
             self._built, self._searches = True, time.monotonic()
             self._line(f"design: the search begins after {duration(round(self._seconds))}")
@@ -112,6 +113,7 @@ class SearchDisplay:
 
     def show_progress(self, what: str, done: int, total: int) -> None:
         """Show the progress before the first start and after the last."""
+        self._before.paused = False
         self._before.show_progress(what, done, total)
 
     @contextmanager
@@ -128,7 +130,8 @@ class SearchDisplay:
                 yield
         else:
             self._line("design: building the problem …")
-            yield
+            with self._before.display():
+                yield
 
     @property
     def _seconds(self) -> float:

@@ -145,12 +145,14 @@ def compile_search(build: Callable[[], SearchPlan], plan: SearchPlan, monitor: M
     missing = [number for number, kernel in enumerate(kernels) if not kernel.load()]
     if not missing:
         return
-    report_progress("compiling the model for this processor, once")
+    what = "compiling the model for this processor, once"
     # The longest ones first.
     jobs = [Job(_run_proof, ()), *(Job(_compile_kernel, (number,)) for number in missing)]
+    jobs.append(Job(_run_solver, ()))
+    report_progress(what, 0, len(jobs))
     quiet = Monitor(monitor.stop_requested)
-    for _ in run_jobs(build, [*jobs, Job(_run_solver, ())], plan.workers, quiet):
-        pass
+    for done, _ in enumerate(run_jobs(build, jobs, plan.workers, quiet), start=1):
+        report_progress(what, done, len(jobs))
     plan.problem.compile()
 
 

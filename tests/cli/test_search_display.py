@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import time
 
 import pytest
 from rich.console import Console
@@ -31,6 +32,34 @@ def test_there_is_a_line_before_the_first_event(display):
         assert len(said(display).splitlines()) == 1
         display.report(event("blunt", 90.0))
         assert len(said(display).splitlines()) == 2
+
+
+def test_what_lasts_before_the_search_is_named_although_nothing_reports(display, monkeypatch):
+    """Such as a compilation right after short trial motions."""
+
+    class Clock:
+        now = 100.0
+
+        def monotonic(self):
+            return self.now
+
+    clock = Clock()
+    monkeypatch.setattr("expdesign.cli.activity.time", clock)
+    monkeypatch.setattr("expdesign.cli.activity._CHECKED", 0.01)
+    display = SearchDisplay(display._console, CONDITION, 3, 0)
+    with display.display():
+        display.show_progress("trial motions", 0, 3)
+        display.show_progress("compiling", 0, 5)
+        clock.now += 30.0
+        deadline = time.monotonic() + 60
+        while "compiling" not in said(display).splitlines()[-1] and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert said(display).splitlines()[-1] == "design, 30 s: compiling, 0 of 5"
+        display.report(event("blunt", 90.0))
+        count = len(said(display).splitlines())
+        clock.now += 300.0
+        time.sleep(0.2)
+        assert len(said(display).splitlines()) == count, "the search has lines of its own"
 
 
 def test_every_number_says_what_it_is(display, monkeypatch):
