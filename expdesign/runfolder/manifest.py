@@ -28,11 +28,11 @@ _PACKAGES = (
 class StageEntry:
     """Entry of a stage: its status and the time of its end, UTC in ISO 8601.
 
-    Its status is ``"done"``, ``"limits broken"``, ``"incomplete"`` (parts of it failed),
-    ``"interrupted"`` or ``"failed"``. `files` has the SHA-256 of every file that it wrote, by path
-    in the run folder; `inputs` is the hash of its inputs. `run.yaml` is not among the
-    files. `made_from` has a hash of every input by its path, of `run.yaml` that of the sections
-    that the stage depends on.
+    Its status is ``"done"``, ``"limits broken"``, ``"not reachable"`` (a goal), ``"incomplete"``
+    (parts of it failed), ``"interrupted"`` or ``"failed"``. `files` has the SHA-256 of every file
+    that it wrote, by path in the run folder; `inputs` is the hash of its inputs. `run.yaml` is not
+    among the files. `made_from` has a hash of every input by its path, of `run.yaml` that of the
+    sections that the stage depends on.
     """
 
     status: str

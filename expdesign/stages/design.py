@@ -192,6 +192,8 @@ def run_goals(work: Workspace) -> Outcome:
                 for one in result.goals
             ],
         },
+        # Not "done": a run would keep the plan, and go on to the stages after it.
+        status="not reachable" if missed else "done",
         warnings=tuple(warnings),
         failure=f"{LONGEST_DAYS} days of measuring do not reach {listed(missed)}; change the "
         "goals or the tolerances as proposed, or run without `goals`"

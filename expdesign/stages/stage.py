@@ -151,8 +151,8 @@ class Outcome:
     summary: dict[str, Any] = field(default_factory=dict)
     """Output of the command with ``--json``, in addition to the folder and the time."""
     status: str = "done"
-    """Status in the manifest: ``"done"``, ``"limits broken"``, ``"incomplete"`` or
-    ``"interrupted"``."""
+    """Status in the manifest: ``"done"``, ``"limits broken"``, ``"not reachable"``,
+    ``"incomplete"`` or ``"interrupted"``; a run keeps only what is done."""
     message: str = ""
     """One line for the manifest."""
     warnings: tuple[str, ...] = ()
@@ -160,7 +160,7 @@ class Outcome:
     doubt: str = ""
     """Reason to doubt the result; an error with ``--strict``."""
     failure: str = ""
-    """Reason why the stage failed although it wrote files; empty for a success."""
+    """Reason why the stage failed although it wrote files; empty where the status is done."""
     continues: bool = False
     """Whether later stages are done after a failure, because the result is complete in parts."""
     view: StageView | None = None

@@ -176,6 +176,16 @@ def test_a_run_that_fails(run_of, tmp_path, monkeypatch):
         expdesign.run(run_of(), out=tmp_path / "out")
 
 
+def test_a_run_ends_at_a_goal_that_is_not_reachable_as_often_as_it_is_repeated(run_of, tmp_path):
+    file, folder = run_of(goals={"mass": "1e-9 %"}), tmp_path / "out"
+    for _ in range(2):
+        with pytest.raises(expdesign.StageFailed, match="do not reach mass"):
+            expdesign.run(file, out=folder)
+        assert statuses(folder) == {"design": "done", "goals": "not reachable"}
+    made = expdesign.run(run_of(goals={"mass": "90 %"}), out=folder).stages
+    assert [name for name, outcome in made.items() if outcome.kept] == ["design"]
+
+
 class Impatient(expdesign.Progress):
     """Presses Ctrl-C, or sends another signal, when the first start of a search, or the second
     repetition, is done."""

@@ -454,13 +454,16 @@ def strut_limits(
 def _range(
     ini: IniFile, section: str, metres: Metres, size: float, lowest: float = -math.inf
 ) -> tuple[float | None, float | None]:
-    """Return the ends of a range in m; None for one that is missing or a placeholder."""
+    """Return the ends of a range in m; None for one that is missing or a placeholder.
+
+    Equal ends, and ±1000 of a strut's length, are placeholders.
+    """
     entries = [ini.entry(section, key) for key in _RANGE]
     low, high = (None if e is None else metres(e.number()) for e in entries)
-    if lowest == 0.0 and low is not None and high is not None and low == -high:
+    if low is not None and (low == high or (lowest == 0.0 and low == -(high or 0.0))):
         return None, None
     low, high = real_end(low, size, lowest), real_end(high, size)
-    if low is not None and high is not None and low >= high and entries[0] is not None:
+    if low is not None and high is not None and low > high and entries[0] is not None:
         raise entries[0].refusal("MIN_LIMIT is not below MAX_LIMIT", "a range")
     return low, high
 
