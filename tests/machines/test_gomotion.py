@@ -47,7 +47,7 @@ def test_joints_home_and_limits(tmp_path):
     assert asked(machine) == {"limits.rotation"}
 
 
-@pytest.mark.parametrize("limits", ["-1000 1000", "1000 1000", "100 100000"])
+@pytest.mark.parametrize("limits", ["-1000 1000", "1000 1000", "100 100000", "75 75"])
 def test_a_placeholder_is_no_limit(limits, tmp_path):
     machine = read(tmp_path, ini(limits=limits))
     assert "strut_length" not in machine.limits

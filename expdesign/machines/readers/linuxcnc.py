@@ -460,7 +460,7 @@ def _range(
     """
     entries = [ini.entry(section, key) for key in _RANGE]
     low, high = (None if e is None else metres(e.number()) for e in entries)
-    if low is not None and (low == high or (lowest == 0.0 and low == -(high or 0.0))):
+    if low is not None and high is not None and (low == high or (lowest == 0.0 and low == -high)):
         return None, None
     low, high = real_end(low, size, lowest), real_end(high, size)
     if low is not None and high is not None and low > high and entries[0] is not None:
