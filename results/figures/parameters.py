@@ -26,20 +26,22 @@ _WIDTH = 0.38
 
 
 def _precision_seen(result: DesignResult) -> str:
-    """Return the parameters with the smallest and the largest relative standard deviation."""
+    """Return what is in the bars, and the parameters with the smallest and the largest one."""
     known = [one for one in result.parameters if np.isfinite(one.rel_std_percent)]
+    parts = ["The experiment's are with tolerances."] if result.systematic else []
+    if result.configuration.run.design.prior is not None:
+        parts.append("All are with the whole prior.")
     if not known:
-        return ""
+        return " ".join(parts)
     ordered = sorted(known, key=lambda one: one.rel_std_percent)
     best, worst = (f"{one.name}, {one.rel_std_percent:.2g} %" for one in (ordered[0], ordered[-1]))
-    return f"The experiment determines best {best}, worst {worst}."
+    return " ".join([*parts, f"The experiment determines best {best}, worst {worst}."])
 
 
 @drawing.figure_definition(
     "precision",
-    "Predicted standard deviation of every parameter relative to its nominal value, over "
-    "one period of the design (noise alone) and over the whole experiment (with tolerances), both "
-    "with all of a prior.",
+    "Predicted standard deviation of every parameter relative to its nominal value, by the noise "
+    "of one period of the design and over the whole experiment.",
     height=3.3,
     seen=_precision_seen,
 )

@@ -22,6 +22,8 @@ from results.figures.design import DESIGN_FIGURES, FLOOR
 from results.figures.drawing import PAGE_WIDTH, RESOLUTION, STRUT_COLOURS, house_style, save_figures
 from results.figures.machine import view_extent as extent
 from results.figures.motion import excitation_figure
+from results.figures.parameters import precision_figure
+from results.views.view import Drawing
 
 KEYS = {definition.key for definition in DESIGN_FIGURES}
 STRUTS = range(1, 7)
@@ -307,6 +309,28 @@ def test_precision(run):
     assert [list(line.get_ydata()) for line in axes.get_lines()] == [[50, 50]]
     legend = [text.get_text() for text in axes.get_legend().get_texts()]
     assert legend[1] == "experiment (10 periods, 2\u202f000 samples)"
+
+
+@pytest.mark.parametrize(
+    ("systematic", "prior", "named", "absent"),
+    [
+        ({}, None, [], ["tolerances", "prior"]),
+        ({"p1": 1.0}, None, ["tolerances"], ["prior"]),
+        ({}, "identified-robot.yaml", ["prior"], ["tolerances"]),
+        ({"p1": 1.0}, "identified-robot.yaml", ["tolerances", "prior"], []),
+    ],
+)
+def test_the_caption_of_precision_is_that_of_the_design(original, systematic, prior, named, absent):
+    record = original.record()
+    result = replace(
+        record,
+        predicted_std=replace(record.predicted_std, systematic=systematic),
+        configuration=record.configuration.with_section("design", prior=prior),
+    )
+    caption = Drawing(precision_figure, result).caption
+    assert "The experiment determines best" in caption
+    assert all(word in caption for word in named)
+    assert not any(word in caption for word in absent)
 
 
 def test_precision_without_a_nominal_value(run):
