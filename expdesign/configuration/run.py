@@ -16,7 +16,6 @@ from pydantic import BeforeValidator, Field, create_model, model_validator
 from constraints.plugins import declared_classes
 from expdesign.configuration import schema
 from expdesign.configuration.design import (
-    EFFORTS,
     DesignSection,
     Effort,
     Goals,
@@ -24,6 +23,7 @@ from expdesign.configuration.design import (
     Sweep,
     TrajectorySection,
 )
+from expdesign.configuration.document import document_from_mapping
 from expdesign.configuration.errors import format_number, refusal, require
 from expdesign.configuration.estimate import DataSection, EstimateSection, MonteCarloSection
 from expdesign.configuration.experiment import (
@@ -254,11 +254,20 @@ class RunConfiguration:
         """Return the run with an effort, whose starts and hops replace stated ones, and a seed.
 
         None keeps the run's own; a point of a sweep keeps the values that are swept.
+
+        Raises
+        ------
+        InputError
+            The effort is unknown, or the seed is out of range.
         """
-        changes = {} if effort is None else {"effort": effort, **EFFORTS[effort]._asdict()}
-        changes |= {} if seed is None else {"seed": seed}
-        if not changes:
+        stated = {"effort": effort, "seed": seed}
+        given = {key: value for key, value in stated.items() if value is not None}
+        if not given:
             return self
+        document = document_from_mapping({"design": given})
+        checked = schema.validate(DesignSection, document.data["design"], document, ("design",))
+        keys = (*given, *(Effort._fields if "effort" in given else ()))
+        changes = {key: getattr(checked, key) for key in keys}
         changed = self.with_section("design", **changes)
         changed.run.model_fields_set.intersection_update(self.run.model_fields_set)
         swept = {path.removeprefix("design.") for path in self.run.sweep or {}}

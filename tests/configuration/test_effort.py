@@ -1,8 +1,13 @@
 """The effort of a search: starts and hops that are not stated."""
 
+from typing import get_args
+
+import pytest
 import yaml
 
-from expdesign.configuration import load_run, resolved_yaml
+from expdesign.cli.run_commands import EffortOption
+from expdesign.configuration import InputError, load_run, resolved_yaml
+from expdesign.configuration.design import EFFORTS
 
 
 def run(**changes):
@@ -37,6 +42,27 @@ def test_an_effort_of_the_command_line_replaces_stated_starts_and_hops():
     assert given.with_search(seed=3).run.design.seed == 3
     assert given.with_search() is given
     assert given.with_search("quick").run.stages == given.run.stages
+
+
+@pytest.mark.parametrize(
+    ("effort", "seed", "key", "allowed"),
+    [
+        ("fast", None, "design.effort", EFFORTS),
+        (("quick",), None, "design.effort", EFFORTS),
+        (None, -1, "design.seed", ("0",)),
+        (None, 2**63, "design.seed", (f"{2**63 - 1:,}".replace(",", ""),)),
+    ],
+)
+def test_what_is_not_allowed_is_refused_in_the_words_of_the_run_file(effort, seed, key, allowed):
+    with pytest.raises(InputError) as found:
+        run().with_search(effort, seed)
+    (problem,) = found.value.problems
+    assert problem.key == key
+    assert all(value in problem.allowed for value in allowed)
+
+
+def test_the_command_takes_the_efforts_of_the_run_file():
+    assert get_args(get_args(get_args(EffortOption)[0])[0]) == tuple(EFFORTS)
 
 
 def test_it_names_no_stage():
