@@ -92,7 +92,7 @@ class Influence:
         return self.force_gain[:, : len(self.force_gain)]
 
     def forces(self) -> Iterator[Part]:
-        """Yield K of the forces, part by part; in one part if a filter is applied."""
+        """Yield K of the forces, part by part."""
         counts = self.experiment.row_counts(self.weights)
         yield from _weighted(self._force_response(), counts, self.weights)
 
@@ -186,7 +186,7 @@ def difference_covariance(first: Sequence[Influence], second: Sequence[Influence
 
 
 def _weighted(columns: Iterator[Part], counts: Array, weights: NoiseEstimate) -> Iterator[Part]:
-    """Yield c W U; with a filter on both sides of W, all samples in one part."""
+    """Yield c W U in parts that do not depend on whether a filter is on both sides of W."""
     inverse, noise_filter = np.linalg.inv(weights.covariance), weights.filter
     if noise_filter is None:
         for part, values in columns:
@@ -194,7 +194,8 @@ def _weighted(columns: Iterator[Part], counts: Array, weights: NoiseEstimate) ->
         return
     whole = np.concatenate([values for _, values in columns])
     weighted = noise_filter.adjoint(np.matmul(inverse, noise_filter(whole)))
-    yield slice(None), weighted * counts[:, None, None]
+    for part in chunks(len(whole)):
+        yield part, weighted[part] * counts[part][:, None, None]
 
 
 def _sandwich_covariance(

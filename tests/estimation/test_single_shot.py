@@ -10,6 +10,7 @@ from scipy import fft
 
 from benchmarks import shots, unknowns
 from estimation.estimators import ParameterPriors
+from estimation.estimators.result import covariance_ml_less_gm
 from estimation.identification import (
     estimate,
     estimate_parameters,
@@ -18,7 +19,7 @@ from estimation.identification import (
     single_shot,
 )
 from estimation.identification.periods import UnsuitableDataError
-from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model import HarmonicMotion, prediction
 from estimation.measurement_model.motion import MotionColumns, NormalEquations
 from estimation.measurement_model.prediction import sliding_rate_kernel
 from estimation.measurement_model.spline import SplineMotion
@@ -51,6 +52,27 @@ def test_a_motion_that_does_not_repeat_is_estimated_along_a_spline():
         relative = np.abs(found[name].values / ROBOT.parameters - 1)
         assert np.all(relative[1:] < 1e-5), name
         assert np.all(np.abs(found[name].values - ROBOT.parameters) < 4 * found[name].std), name
+
+
+def test_a_difference_of_estimates_does_not_depend_on_the_parts_it_is_summed_in(monkeypatch):
+    """GM weights with a filter, ML without: of long recordings both come in the same parts."""
+    experiment = prepare_experiment(run({"noise": "given"}), ROBOT, passes(), None)
+    count = experiment.recording.samples
+    noise = 5.0 * simulate(count, 0.8, np.random.default_rng(2))
+    coloured = autoregressive_noise(noise, np.zeros((count, 6, 0)), np.ones(count))
+    experiment = replace(experiment, linear_noise=coloured)
+    priors = ParameterPriors.of(ROBOT, run().run.estimate)
+    found = run_estimators(ROBOT, [experiment], priors, ("gm", "ml"))
+    filters = [found[name].influences[0].weights.filter is None for name in ("gm", "ml")]
+    assert filters == [False, True]
+    whole = covariance_ml_less_gm(found)
+    monkeypatch.setattr(prediction, "_CHUNK", 100)
+    scale = np.sqrt(np.diag(whole))
+    np.testing.assert_allclose(
+        covariance_ml_less_gm(found) / np.outer(scale, scale),
+        whole / np.outer(scale, scale),
+        atol=1e-9,
+    )
 
 
 def test_its_result_says_so():
