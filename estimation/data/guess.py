@@ -216,6 +216,8 @@ _COMPOUND = re.compile(r"(ist|soll|act|cmd|ref)(\w{2,})")
 _NUMBER = re.compile(r"\d+")
 _DUTY = re.compile(r"pwm|duty", re.IGNORECASE)
 _TORQUE = re.compile(r"torque|trq|tau|moment", re.IGNORECASE)
+_AXIS = re.compile(r"(?<![^\W_])[^\W\d_](?=\d)")
+"""A letter with a number, the name of an axis: A1 is no current."""
 _LETTER = re.compile(r"(?:.*[./_])?([qQ])(?:\(:,#\)|#)")
 """Names of the channels themselves, also in structs and as columns of matrices."""
 
@@ -315,7 +317,7 @@ def _families(columns: Sequence[RecordedColumn]) -> list[_Family]:
 
 def _unit_in(column: RecordedColumn, kinds: Sequence[Quantity]) -> str | None:
     """Return the unit of one of the kinds in a column's brackets, or as a word of its name."""
-    words = re.split(r"[\s_.,:/#-]+|\d+", column.name)
+    words = re.split(r"[\s_.,:/#-]+|\d+", _AXIS.sub("", column.name))
     candidates = [column.unit or "", *(words[1:] if column.unit is None else [])]
     return next(
         (unit for unit in reversed(candidates) if unit and quantity_of_unit(unit) in kinds), None

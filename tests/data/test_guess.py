@@ -39,6 +39,7 @@ DIALECTS = [
     ),
     ("t", "s", "q{}", 1, "tau{}", 1, ["qd{}", "temp{}"], {}, {}),
     ("Time [s]", "s", "cable_{}_length [cm]", 0.01, "tension_{} [N]", 1, [], {}, "s cm N"),
+    ("Zeitstempel", "s", "Istposition_A{}", 1, "Drehmoment_A{}", 1, [], GERMAN, ""),
     ("sec", "s", "enc{} [rad]", PER_RADIAN, "M{} [Nm]", 1 / PER_RADIAN, [], {}, "- rad Nm"),
 ]
 
