@@ -16,12 +16,13 @@ from rich.text import Text
 
 from results.notation import duration
 
-HEARTBEAT = 5.0
+HEARTBEAT = 10.0
 """Seconds between two lines, at least, where nothing can be redrawn in place."""
+LONGEST = 300.0
+"""Up to this pause, s, the next line comes after twice the time of the last one, so that the number
+of lines hardly depends on the load of the machine."""
 _UNCHANGED = 60.0
 """The same between two lines that state the same progress."""
-_LASTING = 10.0
-"""The same where nothing has reported since."""
 _CHECKED = 1.0
 """Seconds between two checks for it."""
 _SILENT = 2.0
@@ -47,7 +48,7 @@ def left_text(passed: float, share: float, waited: float = 0.0) -> str:
 
 
 class Activity:
-    """Display of the progress of a stage.
+    """Display of the progress of a stage, and of the search in it.
 
     Parameters
     ----------
@@ -60,7 +61,7 @@ class Activity:
         self._console, self._name = console, name
         self._what, self._done, self._total, self._first = "", 0, 0, 0
         self._began = self._since = self._stepped = time.monotonic()
-        self._spoke = self._began - HEARTBEAT + _SILENT
+        self._spoke: float | None = None
         self._shown: tuple[str, int] | None = None
         self._spinner = Spinner("dots")
         self._live: Live | None = None
@@ -76,17 +77,36 @@ class Activity:
         elif done != self._done:
             self._stepped = time.monotonic()
         self._done, self._total = done, total
-        self._write_line(HEARTBEAT)
+        self._write_due_line()
 
-    def _write_line(self, pause: float) -> None:
-        """Write a line if nothing can be redrawn and the last one is older than a pause, s."""
-        if self._console.is_terminal or self.paused:
+    def _write_due_line(self) -> None:
+        if self.paused:
             return
         with self._lock:
             state = self._what, self._done
-            if time.monotonic() - self._spoke > (_UNCHANGED if self._shown == state else pause):
-                self._console.print(self.line)
-                self._spoke, self._shown = time.monotonic(), state
+            if self.is_due(_UNCHANGED if self._shown == state else HEARTBEAT):
+                self.write_line(self.line)
+                self._shown = state
+
+    def is_due(self, pause: float | None = None) -> bool:
+        """Return whether a line is due; pauses grow with the time that has passed."""
+        if self._console.is_terminal:
+            return False
+        now = time.monotonic()
+        if self._spoke is None:
+            return now - self._began > _SILENT
+        growing = min(self._spoke - self._began, LONGEST)
+        return now - self._spoke > max(HEARTBEAT if pause is None else pause, growing)
+
+    def write_line(self, text: str) -> None:
+        """Write a line now; the next one is due after a pause."""
+        self._spoke = time.monotonic()
+        self._console.print(text)
+
+    @property
+    def passed(self) -> float:
+        """Time since the stage began, s."""
+        return time.monotonic() - self._began
 
     @property
     def line(self) -> str:
@@ -99,7 +119,7 @@ class Activity:
         left = left_text(self._stepped - self._since, share, now - self._stepped)
         what = f": {self._what}" if self._what else ""
         rest = f" ({left})" if left else ""
-        return f"{self._name}, {duration(round(now - self._began))}{what}{counted}{rest}"
+        return f"{self._name}, {duration(round(self.passed))}{what}{counted}{rest}"
 
     @contextmanager
     def display(self) -> Iterator[None]:
@@ -125,7 +145,7 @@ class Activity:
 
         def write() -> None:
             while not ended.wait(_CHECKED):
-                self._write_line(_LASTING)
+                self._write_due_line()
 
         thread = Thread(target=write, daemon=True)
         thread.start()

@@ -13,9 +13,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from expdesign.cli.activity import HEARTBEAT, Activity, left_text
+from expdesign.cli.activity import Activity, left_text
 from expdesign.configuration import RunConfiguration
-from expdesign.experiment.judging import criterion_symbol
 from expdesign.experiment.precision import precision_in_words
 from expdesign.information.criteria import Criterion, criteria
 from expdesign.recheck.limit_check import TOLERANCE, range_share_in_words
@@ -25,8 +24,6 @@ from expdesign.solver.starts import GIVEN_UP
 from expdesign.trajectory import FourierTrajectory
 from results.notation import duration
 
-_PAUSE = 0.15
-"""The same as a share of the time that has passed: a log of an hour has some 40 lines."""
 _ENOUGH = 0.05
 """Share of a search that predicts the rest of its time, with at least one start that has ended."""
 _RENEWED = 1.0
@@ -35,17 +32,19 @@ _TRUE = ("done", "finished")
 """Phases with an objective of the exact (unsmoothed) friction model."""
 
 
-def search_display(console: Console, configuration: RunConfiguration) -> SearchDisplay:
-    """Return the display of the search that a run describes."""
+def search_display(
+    console: Console, configuration: RunConfiguration, activity: Activity
+) -> SearchDisplay:
+    """Return the display of the search that a run describes, within the activity of its stage."""
     section = configuration.run.design
     return SearchDisplay(
         console,
         criteria()[section.criterion],
         section.starts,
         section.hops if section.search == "hopping" else 0,
-        criterion_symbol(configuration),
-        section.max_seconds,
         partial(precision_in_words, configuration),
+        section.max_seconds,
+        activity,
     )
 
 
@@ -60,12 +59,12 @@ class SearchDisplay:
     criterion : Criterion
     starts, hops : int
         Their largest numbers.
-    information : str
-        Symbol of the information that the criterion judges.
+    describe : callable
+        Returns the predicted precision of a motion in words.
     max_seconds : float, optional
         For starts and hops; the finish, which comes on top, is not shown then.
-    describe : callable, optional
-        Returns the predicted precision of a motion in words, instead of the criterion's value.
+    activity : Activity, optional
+        That of the stage, for one clock and one count of lines.
     """
 
     def __init__(
@@ -74,11 +73,11 @@ class SearchDisplay:
         criterion: Criterion,
         starts: int,
         hops: int,
-        information: str = "F",
+        describe: Callable[[FourierTrajectory], str],
         max_seconds: float | None = None,
-        describe: Callable[[FourierTrajectory], str] | None = None,
+        activity: Activity | None = None,
     ) -> None:
-        self._console, self._criterion, self._information = console, criterion, information
+        self._console, self._criterion = console, criterion
         self._starts, self._hops = starts, hops
         self._max_seconds = max_seconds or math.inf
         self._describe = describe
@@ -88,17 +87,15 @@ class SearchDisplay:
         self._described_at, self._best_text = -math.inf, ""
         self._rough: set[int] = set()
         self._starts_ended = self._hops_ended = self._refined = self._finished = 0
-        self._began = self._spoke = time.monotonic()
-        self._searches = self._began
-        self._before = Activity(console, "design")
+        self._searches = time.monotonic()
+        self._activity = activity or Activity(console, "design")
         self._built = False
 
     def report(self, event: SearchEvent) -> None:
         """Show one event."""
-        self._before.paused = True
+        self._activity.paused = True
         if not self._built:
             self._built, self._searches = True, time.monotonic()
-            self._line(f"design: the search begins after {duration(round(self._seconds))}")
         if event.phase in _TRUE:
             self._end(event)
         elif event.phase == "waiting":
@@ -106,15 +103,14 @@ class SearchDisplay:
             self._rough.add(event.start)
         else:
             self._running[event.start] = event
-        pause = max(HEARTBEAT, _PAUSE * self._seconds)
-        if not self._console.is_terminal and time.monotonic() - self._spoke > pause:
+        if self._activity.is_due():
             self._describe_best()
-            self._line(f"{self._head}; {self._best_text or self._text(event)}")
+            self._activity.write_line(f"{self._head}; {self._best_text or self._text(event)}")
 
     def show_progress(self, what: str, done: int, total: int) -> None:
         """Show the progress before the first start and after the last."""
-        self._before.paused = False
-        self._before.show_progress(what, done, total)
+        self._activity.paused = False
+        self._activity.show_progress(what, done, total)
 
     @contextmanager
     def display(self) -> Iterator[None]:
@@ -129,31 +125,23 @@ class SearchDisplay:
             with shown:
                 yield
         else:
-            self._line("design: building the problem …")
-            with self._before.display():
+            with self._activity.display():
                 yield
 
-    @property
-    def _seconds(self) -> float:
-        return time.monotonic() - self._began
-
     def _end(self, event: SearchEvent) -> None:
-        """Count a start, a hop or a finish that has ended, and write its result."""
+        """Count a start, a hop or a finish that has ended, and write the first result."""
         self._running.pop(event.start, None)
-        name, finished = self._name(event), event.phase == "finished"
-        if finished:
+        if finished := event.phase == "finished":
             self._finished += 1
-            self._line(f"{name}, finished: {self._result(event)}, {event.status}")
         else:
             hop = event.start > self._starts
             self._starts_ended += not hop
             self._hops_ended += hop
             self._refined += hop or (event.start in self._rough and event.status != GIVEN_UP)
             self._rough |= set() if hop else {event.start}
-            if self._best is None and math.isfinite(event.objective):
-                effort = f"{event.iteration} iterations, {duration(round(event.seconds))}"
-                found = f"{self._result(event)}, within the limits after {effort}"
-                self._line(f"{name}: {found}: {event.status}")
+            if self._best is None and event.motion is not None and not self._console.is_terminal:
+                found = f"{self._describe(event.motion)}, within the limits"
+                self._activity.write_line(f"{self._head}; {self._name(event)}: {found}")
         # A start that is done is within its limits, the recheck may find a finished one beyond.
         usable = not finished or event.violation <= TOLERANCE
         if usable and math.isfinite(event.objective):
@@ -169,24 +157,19 @@ class SearchDisplay:
 
         Another thread, which redraws the display, must not share the model with the search.
         """
-        if self._best is not None and self._best is not self._described:
+        if self._best is not None and self._best.motion and self._best is not self._described:
             self._described, self._described_at = self._best, time.monotonic()
-            self._best_text = f"best: {self._result(self._best)}"
-
-    def _result(self, event: SearchEvent) -> str:
-        """Return the precision of the motion that was reached, or the value of its criterion."""
-        if self._describe is None or event.motion is None:
-            return self._objective(event)
-        return self._describe(event.motion)
+            self._best_text = f"best: {self._describe(self._best.motion)}"
 
     @property
     def _head(self) -> str:
         """Counts of what has ended, with the time that has passed and the time that is left."""
         hops = f" and {self._hops_ended} of {self._hops} hops" if self._hops else ""
+        finished = f", {self._finished} refined" if self._finished else ""
         left = self._left()
         return (
-            f"{self._starts_ended} of {self._starts} starts{hops} done, "
-            f"{duration(round(self._seconds))}{', ' if left else ''}{left}"
+            f"design, {duration(round(self._activity.passed))}: {self._starts_ended} of "
+            f"{self._starts} starts{hops} done{finished}{', ' if left else ''}{left}"
         )
 
     def _text(self, event: SearchEvent) -> str:
@@ -197,8 +180,8 @@ class SearchDisplay:
         if event.violation > 0:
             beyond = f"a limit exceeded by {range_share_in_words(event.violation)}"
         return (
-            f"{self._name(event)}: {_phase(event)}, iteration {_iteration(event)}; "
-            f"{self._objective(event)}, {beyond}"
+            f"no result yet; {self._name(event)}: {_phase(event)}, iteration {_iteration(event)}, "
+            f"{beyond}"
         )
 
     def _left(self) -> str:
@@ -224,34 +207,22 @@ class SearchDisplay:
             return f"start {event.start} of {self._starts}"
         return f"start {event.start} (hop {event.start - self._starts} of {self._hops})"
 
-    def _objective(self, event: SearchEvent) -> str:
-        """Return an event's objective with its name: criterion, and smoothed or true."""
-        # The rough search of a criterion that is flat far off is that of log det F.
-        of_d = event.phase == "blunt" and self._criterion.flat
-        title = (criteria()["d"] if of_d else self._criterion).named(self._information)
-        model = "true" if event.phase in _TRUE else "smoothed"
-        return f"{title} {event.objective:.6g} ({model})"
-
-    def _line(self, text: str) -> None:
-        self._spoke = time.monotonic()
-        self._console.print(text)
-
     def _picture(self) -> Group:
         if not self._built:
-            return Group(Text(self._before.line))
+            return Group(Text(self._activity.line))
         lines = [Text(self._head), Text(self._best_text or "best: none yet")]
         if not self._running:
-            return Group(*lines, Text(self._before.line))
+            return Group(*lines, Text(self._activity.line))
         table = Table(box=None, pad_edge=False, header_style="dim")
-        for title in ("start", "stage", "iteration", "objective", "excess", "time"):
-            table.add_column(title, justify="left" if title == "stage" else "right", no_wrap=True)
+        for title in ("start", "stage", "iteration", "limits", "time"):
+            text = title in ("stage", "limits")
+            table.add_column(title, justify="left" if text else "right", no_wrap=True)
         for start, event in sorted(self._running.copy().items()):
             table.add_row(
                 f"{start}",
                 _phase(event),
                 _iteration(event),
-                f"{event.objective:.6g}",
-                f"{100 * max(event.violation, 0.0):.2g} %",
+                f"{100 * event.violation:.2g} % beyond" if event.violation > 0 else "kept",
                 duration(round(event.seconds)),
             )
         return Group(*lines, table)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from expdesign.cli.activity import Activity
@@ -47,7 +47,7 @@ class Terminal(Progress):
 
     @contextmanager
     def working(self, what: str) -> Iterator[Listener]:
-        """Show a bar; elsewhere than on a terminal a line, at most every five seconds."""
+        """Show a bar; elsewhere than on a terminal a line, at growing intervals."""
         self._activity = Activity(self._console, what)
         try:
             with self._activity.display():
@@ -61,9 +61,9 @@ class Terminal(Progress):
         # A command that refuses its input needs no search.
         from expdesign.cli.search_display import search_display
 
-        display = search_display(self._console, configuration)
-        hidden = nullcontext() if self._activity is None else self._activity.hide()
-        with hidden, display.display(), listen_to_progress(display.show_progress):
+        activity = self._activity or Activity(self._console, "design")
+        display = search_display(self._console, configuration, activity)
+        with activity.hide(), display.display(), listen_to_progress(display.show_progress):
             yield display.report
 
 

@@ -15,7 +15,7 @@ from expdesign.evaluation.machine_code import is_usable
 from expdesign.experiment.judging import judge, noise_evaluator
 from expdesign.noise import Hum
 from expdesign.problem.design_problem import build_problem
-from expdesign.progress import report_progress
+from expdesign.progress import listen_to_progress, report_progress
 from expdesign.recheck.certificate import recheck
 from expdesign.solver.feasibility import InfeasibleLimitsError, random_start
 from expdesign.solver.phases import coarse_points
@@ -128,8 +128,11 @@ def ready_plan(
     """
     plan = plan_search(configuration, others)
     if is_usable() and all(kernel.load() for kernel in plan.problem.kernels):
-        _run_proof(plan, Monitor())
-        _run_solver(plan, Monitor())
+        report_progress("loading the compiled model")
+        # The proof of a trial motion is no step of the design.
+        with listen_to_progress(lambda *_: None):
+            _run_proof(plan, Monitor())
+            _run_solver(plan, Monitor())
     return plan
 
 

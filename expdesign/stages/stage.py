@@ -203,6 +203,7 @@ class Progress:
     @contextmanager
     def count(self, what: str) -> Iterator[Callable[[int, int], None]]:
         """Show the number of finished items of `what`, a plural; yield the counts' listener."""
+        report_progress(what)
         yield lambda done, total: report_progress(what, done, total)
 
 

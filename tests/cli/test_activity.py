@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 from rich.console import Console
 
-from expdesign.cli.activity import HEARTBEAT, Activity, left_text
+from expdesign.cli.activity import HEARTBEAT, LONGEST, Activity, left_text
 from results.notation import duration
 
 
@@ -28,18 +28,19 @@ def lines(console):
     return console.file.getvalue().splitlines()
 
 
-def test_elsewhere_a_line_at_most_every_five_seconds(clock):
+def test_elsewhere_a_line_at_growing_intervals(clock):
     console = Console(file=io.StringIO(), width=200)
     activity = Activity(console, "export")
     spoken = []
-    for done in range(40):
+    for done in range(4000):
         clock.now += 1.0
-        activity.show_progress("rows", done, 40)
+        activity.show_progress("rows", done, 4000)
         if len(lines(console)) > len(spoken):
-            spoken.append(clock.now)
-    assert all(later - sooner > HEARTBEAT for sooner, later in pairwise(spoken))
-    assert len(spoken) == 7
-    assert all("export" in line and "rows" in line and "of 40" in line for line in lines(console))
+            spoken.append(clock.now - 100.0)
+    for sooner, later in pairwise(spoken):
+        assert later - sooner == pytest.approx(max(HEARTBEAT, min(sooner, LONGEST)), abs=1.5)
+    assert spoken[0] == 3.0
+    assert all("export" in line and "rows" in line and "of 4000" in line for line in lines(console))
 
 
 def test_a_line_is_repeated_after_a_minute_at_the_earliest(clock):

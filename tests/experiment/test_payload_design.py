@@ -1,7 +1,5 @@
 """A design for what has changed on an identified machine, judged once more by the joint problem."""
 
-import io
-
 import numpy as np
 import pytest
 from rich.console import Console
@@ -9,14 +7,11 @@ from typer.testing import CliRunner
 
 import expdesign
 from expdesign.cli.app import app
-from expdesign.cli.search_display import SearchDisplay
 from expdesign.configuration import load_run, resolved_yaml
 from expdesign.configuration.robot import RobotDescription, as_general
 from expdesign.experiment import DesignResult
 from expdesign.experiment.setup import plan_search
-from expdesign.information.criteria import criteria
 from expdesign.runfolder.manifest import Manifest, entry, file_hash
-from expdesign.solver.phases import SearchEvent
 from expdesign.stages.execution import view_result
 from expdesign.stages.registry import DesignStage
 from expdesign.stages.stage import Workspace
@@ -135,11 +130,8 @@ def test_what_is_judged_has_one_name_wherever_it_is_told(result, tmp_path, capsy
     status = CliRunner().invoke(app, ["report", str(tmp_path)])
     assert status.exit_code == 0, status.output
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    display = SearchDisplay(Console(file=io.StringIO()), criteria()["a"], 1, 0, "S")
-    display.report(SearchEvent(1, "done", 7, 5.0, 0.0, 2.0, "converged"))
     for text in (said, page):
         assert "log det S" in text
         assert "log det F" not in text
-    assert "trace of S⁻¹ 5" in display._console.file.getvalue()
     figure = convergence_figure.draw(DesignResult.read(tmp_path))
     assert figure.axes[0].get_ylabel().startswith("log det S")
