@@ -540,8 +540,8 @@ def refuse_implausible_lengths(
         problems.append(allowed.problem(table, strut, row, message + hint))
     if unexplained:
         if stated and np.any(fits):
-            others = ", ".join(str(strut + 1) for strut in np.flatnonzero(fits).tolist())
-            text = f"; struts {others} have possible lengths, but their zeros may be wrong as well"
+            others = ", ".join(f"strut {each + 1}" for each in np.flatnonzero(fits).tolist())
+            text = f"; zeros of possible lengths may be wrong as well: {others}"
             problems[-1] = replace(problems[-1], message=problems[-1].message + text)
         raise InputError(problems)
     if explained:

@@ -58,6 +58,7 @@ from estimation.diagnostics.residual_covariance import (
 )
 from estimation.diagnostics.residuals import (
     HarmonicLackOfFit,
+    LackOfFit,
     chi_square,
     dependence,
     force_residuals,
@@ -315,13 +316,13 @@ def _diagnose_experiment(
     lengths = _length_residuals(case, system, explained, attribution.columns)
     noises = _noise_tests(case, priors, None if held_out else estimate, NOISE / shares)
     tests = _tests(case, attribution, (forces, given, lengths), noises, shares)
-    if experiment.fit is not None:
-        attribution = doubt_effects(
-            attribution,
-            tests.harmonic_lack_of_fit,
-            tests.harmonic_lack_of_fit_with_effects,
-            tests.lack_of_fit_with_effects,
-        )
+    attribution = doubt_effects(
+        attribution,
+        tests.harmonic_lack_of_fit,
+        tests.harmonic_lack_of_fit_with_effects,
+        # What differences of neighbours leave is no lack of fit.
+        tests.lack_of_fit_with_effects if experiment.fit is not None else LackOfFit(),
+    )
     tests = replace(tests, effects=attribution.effects)
     if not case.own_motion and not held_out and experiment.harmonics_left_out:
         tests = replace(tests, harmonics_left_out=experiment.harmonics_left_out)

@@ -306,7 +306,7 @@ def _sign_errors(
             kept = variances > UNSURE
             factors = modes[:, kept] * np.sqrt(variances[kept])
             errors = jumps[:, :, rate, None] * factors[:, None]
-            own = sparse.coo_array(errors.reshape(-1, errors.shape[2]))
+            own = sparse.coo_array(errors.reshape(len(rows) * ACTUATORS, -1))
             places = own.row + ACTUATORS * rows[0], own.col
             columns.append(sparse.csr_array((own.data, places), shape=(size, own.shape[1])))
             precision.append(np.minimum(variances[kept], 1.0))

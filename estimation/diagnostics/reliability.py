@@ -427,9 +427,12 @@ def wanted_changes_in_words(
         if not changes:
             continue
         ratio, change, one, by = max(changes)
+        within_std = ratio <= 1
+        if within_std:
+            change = max(size for _, size, _, _ in changes)
         size = f"{1e3 * change:.2g} mm" if units[one] == "m" else ""
         size = size or quantity_text(change, units[one], 2)
-        if ratio <= 1:
+        if within_std:
             within[name] = size
         else:
             beyond.append(f"{name} by {size} ({ratio:.2g} σ, {by})")

@@ -88,7 +88,10 @@ def certify_motions(
         _print_certificates(parts)
     if verdict != PROVED:
         left = "; ".join(_shortcoming(part) for part in parts if not part.proof.certified)
-        advice = "" if robot is None else _advice(parts, planned.robot, robot)
+        advice = ""
+        if robot is not None:
+            machines = robot_from(planned.robot), robot_from(configuration.robot)
+            advice = _advice(parts, planned.robot, robot, moved=_follower(*machines) is not None)
         raise StageFailed(f"{verdict}: {left}{advice}", data)
     if as_json:
         write_json({"status": 0, **data})
@@ -121,8 +124,11 @@ _ROOM = 1.5
 _LARGEST_RESERVE = 0.5
 
 
-def _advice(parts: list[CertifiedPart], planned: ResolvedRobot, robot: str) -> str:
-    """Return the reserves that leave room for the difference of a machine, as a sentence."""
+def _advice(parts: list[CertifiedPart], planned: ResolvedRobot, robot: str, *, moved: bool) -> str:
+    """Return the reserves that leave room for the difference of a machine, as a sentence.
+
+    `moved` machines have other joints or zeros than the controller knows.
+    """
     shares: dict[str, float] = {}
     for check in (check for part in parts for check in part.proof.broken):
         own = planned.limits.get(check.key)
@@ -131,11 +137,11 @@ def _advice(parts: list[CertifiedPart], planned: ResolvedRobot, robot: str) -> s
     again = f"design with `robot: {robot}`"
     if not shares or max(shares.values()) >= _LARGEST_RESERVE:
         return f". What to do: {again}" if shares else ""
+    known = ", if the controller gets the joints of the identified machine" if moved else ""
     texts = (f"{key}: {_rounded_up(100 * share):g} %" for key, share in shares.items())
     return (
         ". What to do: keep that much free and design again, `limits: {reserve: {"
-        f"{', '.join(texts)}}}}}` in the run file; or, if the controller gets the joints of the "
-        f"identified machine, {again}"
+        f"{', '.join(texts)}}}}}` in the run file; or{known}, {again}"
     )
 
 

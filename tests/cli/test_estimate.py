@@ -466,4 +466,4 @@ def test_all_zeros_that_may_be_wrong_are_named(command, folder):
     assert [message.split()[:2] for message in found] == [["strut", f"{j}"] for j in range(1, 7)]
     found = problems(upper, outside, outside, far, far, far)
     assert len(found) == 5
-    assert "struts 1 have possible lengths, but their zeros may be wrong as well" in found[-1]
+    assert "zeros of possible lengths may be wrong as well: strut 1" in found[-1]

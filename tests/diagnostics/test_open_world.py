@@ -49,13 +49,16 @@ def test_a_bias_in_low_harmonics_is_not_diluted(twin):
     assert sum(found) >= 18
 
 
-def _diagnosed(lab, seed, force):
+def _diagnosed(lab, seed, force, pointwise=False):
     """Return the diagnosis of a machine with another force, of the motion at the samples."""
     data = lab.measure(seed)
     motion = lab.trajectory.sample(data.time)
     struts = lab.robot.strut_motion(motion.pose, motion.rate, motion.acceleration)
     data = replace(data, forces=data.forces + force(struts))
-    experiment = lab.experiment(data, lab.noise if lab.periods == 1 else None)
+    if pointwise:
+        experiment = lab.pointwise(data)
+    else:
+        experiment = lab.experiment(data, lab.noise if lab.periods == 1 else None)
     estimate = lab.estimate([experiment], "gm")
     return diagnose(lab.robot, [experiment], lab.knowledge, estimate)
 
@@ -110,7 +113,8 @@ def test_an_impossible_sign_is_no_cause(periods):
     assert "friction by load" not in result.verdict.summary
 
 
-def test_the_search_ends_when_too_many_causes_are_needed():
+@pytest.mark.parametrize("pointwise", [False, True])
+def test_the_search_ends_when_too_many_causes_are_needed(pointwise):
     """Of five listed causes four are named: they are more than are believed."""
     lab = Laboratory(samples=300, periods=6)
 
@@ -125,11 +129,13 @@ def test_the_search_ends_when_too_many_causes_are_needed():
         ]
         return np.stack([*shapes, np.zeros(len(rate))], axis=1)
 
-    result = _diagnosed(lab, 7, force)
+    result = _diagnosed(lab, 7, force, pointwise)
     effects = result.recordings[0].tests.effects
     causes = {(e.kind, e.parameter) for e in effects if not e.remainder}
     assert len(causes) == 4
-    assert all(e.doubt == "more than 3 causes are needed" for e in effects)
+    assert not any(effect.certain for effect in effects)
+    impossible = {"its sign or size is impossible"} if pointwise else set()
+    assert {e.doubt for e in effects} - impossible == {"more than 3 causes are needed"}
     assert "something that is not in the list" in result.verdict.summary
 
 

@@ -8,12 +8,17 @@ from scipy import sparse
 
 from estimation.diagnostics.hypothesis import periodic_columns, scan_pitches
 from estimation.diagnostics.joint_system import joint_systems
-from estimation.diagnostics.linearisation import Signature
+from estimation.diagnostics.linearisation import Signature, linearise
 from estimation.diagnostics.residual_covariance import (
     held_out_residual_covariance,
     joint_residual_covariance,
 )
+from estimation.estimators import Experiment
+from estimation.kinematics import fit_motion
+from estimation.measurement_model import HarmonicMotion
+from estimation.processing import PeriodSource, fold_recording
 from estimation.processing.spectrum import given_filter
+from tests.diagnostics.conftest import HARMONICS, Laboratory
 
 EFFECTS = 5
 
@@ -31,6 +36,24 @@ def _signs(rng, rows):
         blocks.append(sparse.csr_array(whole.reshape(6 * rows, count)))
         precision += rng.uniform(1e-3, 1.0, count).tolist()
     return sparse.hstack(blocks, format="csr"), np.array(precision)
+
+
+def test_a_reversal_that_a_delay_explains_has_no_column():
+    """With these stamps the delay takes all of one reversal's variance that is significant."""
+    lab = Laboratory(samples=300, periods=6, length_scale=1e-3)
+    robot = replace(lab.robot, delay_std=1e-4)
+    data = lab.measure(0)
+    record = fold_recording(data, lab.trajectory.omega, PeriodSource.DESIGN)
+    start = HarmonicMotion.of(lab.trajectory)
+    fit = fit_motion(robot, record, lab.noise.lengths.as_white(), HARMONICS, start=start)
+    experiment = Experiment.from_fit(robot, record, lab.noise, fit)
+    later = record.forces.times + 0.0006250257190926164
+    record = replace(record, forces=replace(record.forces, times=later))
+    experiment = replace(experiment, recording=record)
+    free = np.ones(len(lab.robot.parameters), dtype=bool)
+    part = linearise(robot, experiment, lab.robot.parameters, free, fit.motion)
+    assert part.sign_errors.shape == (6 * len(part.forces), len(part.sign_precision))
+    assert len(part.sign_precision)
 
 
 class Case:
