@@ -18,7 +18,7 @@ from results.notation import duration
 
 HEARTBEAT = 10.0
 """Seconds between two lines, at least, where nothing can be redrawn in place."""
-LONGEST = 300.0
+LONGEST = 60.0
 """Up to this pause, s, the next line comes after twice the time of the last one, so that the number
 of lines hardly depends on the load of the machine."""
 _UNCHANGED = 60.0

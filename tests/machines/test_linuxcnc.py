@@ -205,6 +205,7 @@ def test_files_that_are_named_are_the_ones_that_count(tmp_path):
         ("HOME = 5", "HOME = five", "mill.ini", "[TRAJ]HOME"),
         ("HOME = 5", "HOME = 1 2 5", "mill.ini", "[TRAJ]HOME"),
         ("MAX_LIMIT = 810", "MAX_LIMIT = 81", "mill.ini", "[JOINT_5]MIN_LIMIT"),
+        ("MIN_LIMIT = -120", "MIN_LIMIT = 120", "mill.ini", "[AXIS_X]MIN_LIMIT"),
         ("MAX_VELOCITY = 35", "MAX_VELOCITY = -35", "mill.ini", "[JOINT_5]MAX_VELOCITY"),
         ("LEAD = 5.0", "LEAD = nan", "mill.ini", "[SCREW]LEAD"),
         ("LEAD = 5.0", "OTHER = 5.0", "mill.hal", "genhexkins.screw-lead"),

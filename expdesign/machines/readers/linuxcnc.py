@@ -456,14 +456,14 @@ def _range(
 ) -> tuple[float | None, float | None]:
     """Return the ends of a range in m; None for one that is missing or a placeholder.
 
-    Equal ends, and ±1000 of a strut's length, are placeholders.
+    Of a strut's length, equal ends and ±1000 are placeholders.
     """
     entries = [ini.entry(section, key) for key in _RANGE]
     low, high = (None if e is None else metres(e.number()) for e in entries)
-    if low is not None and high is not None and (low == high or (lowest == 0.0 and low == -high)):
+    if lowest == 0.0 and low is not None and high is not None and low in (high, -high):
         return None, None
     low, high = real_end(low, size, lowest), real_end(high, size)
-    if low is not None and high is not None and low > high and entries[0] is not None:
+    if low is not None and high is not None and low >= high and entries[0] is not None:
         raise entries[0].refusal("MIN_LIMIT is not below MAX_LIMIT", "a range")
     return low, high
 
