@@ -34,6 +34,7 @@ from results.figures.parameters import ParameterSeries, compared_precision_figur
 from results.notation import count_text, duration, percent
 from results.views.design import costliest_fact, gains_table
 from results.views.folder import RunFolder
+from results.views.parameter_blocks import symbols_blocks
 from results.views.view import (
     Block,
     Drawing,
@@ -76,6 +77,7 @@ def compare_designs(
             _effort_table(comparison),
             *_derived_tables(designs),
             _precision_table(comparison),
+            *symbols_blocks(designs[0].names, screen=True),
         ]
         text, best = _best_in_words(comparison)
         sentence += text

@@ -27,6 +27,7 @@ from results.views.blocks import (
     information_test,
 )
 from results.views.folder import RunFolder
+from results.views.parameter_blocks import symbols_blocks
 
 _TWO_SIDED = 1.959963984540054
 """Half-width of a 95 % interval in standard deviations."""
@@ -94,7 +95,11 @@ def compare_estimates(folders: Mapping[str, RunFolder], *_: object) -> view.Stag
         for label, folder in folders.items()
     )
     names = common_parameters(found)
-    blocks: list[view.Block] = [*_derived_tables(found), _values_table(found, names)]
+    blocks: list[view.Block] = [
+        *_derived_tables(found),
+        _values_table(found, names),
+        *symbols_blocks(names, screen=True),
+    ]
     if len(found) > 1:
         blocks.append(view.Drawing(compared_estimates_figure, estimates_series(found)))
     different, tested = 0, 0

@@ -116,7 +116,7 @@ _GAP = 2
 """Characters between two columns."""
 _WIDE = 100
 """Characters from which on a terminal is wide; largest width of several blocks."""
-_ROWS_OF_A_BLOCK = 5
+_ROWS_OF_A_BLOCK = 3
 
 
 def _cells(table: ReportTable, row: Sequence[Value], shown: Sequence[bool]) -> list[str]:
@@ -140,7 +140,7 @@ def _print_block(console: Console, block: Block) -> None:
                 note = f" ({fact.note})" if fact.note else ""
                 _print_text(console, Text(f"  {fact.name}: {fact.value}{note}"))
         case TextBlock():
-            _print_text(console, Text(block.text))
+            _print_text(console, Text(block.short or block.text))
         case ListingBlock():
             _print_text(console, Text(f"{block.title}:", style="italic"))
             console.print(Text(block.text.rstrip("\n")), soft_wrap=True)

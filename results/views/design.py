@@ -25,7 +25,7 @@ from expdesign.solver.feasibility import InfeasibleLimitsError
 from results.figures.design import DESIGN_FIGURES
 from results.notation import DisplayUnit, duration, handy_unit, percent, readable
 from results.views.folder import RunFolder
-from results.views.parameter_blocks import combination_blocks, derived_blocks, symbols_block
+from results.views.parameter_blocks import combination_blocks, derived_blocks, symbols_blocks
 from results.views.view import (
     Block,
     Fact,
@@ -58,6 +58,9 @@ def design_view(folder: RunFolder) -> StageView:
     sensitivity = None if folder.brief else design_sensitivity(result)
     cost = None if sensitivity is None else costliest_fact(sensitivity)
     figures = drawings(DESIGN_FIGURES, result)
+    combinations = combination_blocks(
+        "design_combinations", result.base_parameters, result.parameter_names
+    )
     blocks: tuple[Block, ...] = (
         Facts(_details(result), screen=True),
         *([Facts((cost,))] if cost else []),
@@ -74,8 +77,8 @@ def design_view(folder: RunFolder) -> StageView:
         *_gains(sensitivity),
         *figures[:5],
         parameters_table(result),
-        symbols_block(result.parameter_names),
-        *combination_blocks("design_combinations", result.base_parameters, result.parameter_names),
+        *symbols_blocks(result.parameter_names, screen=len(combinations) > 1),
+        *combinations,
         *figures[5:7],
         _starts_table(result),
         *figures[7:],

@@ -43,7 +43,7 @@ from results.views.blocks import (
 )
 from results.views.folder import RunFolder
 from results.views.noise import shows_noise
-from results.views.parameter_blocks import combination_blocks, derived_blocks, symbols_block
+from results.views.parameter_blocks import combination_blocks, derived_blocks, symbols_blocks
 from results.views.view import (
     Block,
     Fact,
@@ -174,7 +174,7 @@ def _parameter_blocks(
     blocks += derived_blocks(
         "estimate_derived", result.best_estimator.derived, f"of the {name} estimate"
     )
-    blocks += [estimates_table(result, truth), symbols_block(result.parameters)]
+    blocks += [estimates_table(result, truth), *symbols_blocks(result.parameters, screen=True)]
     if len(result.estimators) > 1:
         blocks.append(_estimators_table(result))
     blocks += constants_blocks(result)
@@ -275,11 +275,6 @@ def _details(folder: RunFolder, result: EstimateFile) -> tuple[Fact, ...]:
         )
         for number, recording in enumerate(result.recordings, start=1)
     ]
-    first = result.recordings[0]
-    if first.harmonics is not None:
-        together = first.harmonics_of_forces or first.harmonics
-        alone = f"{first.harmonics} in the lengths alone" if together > first.harmonics else ""
-        facts.append(Fact("harmonics of the motion", str(together), alone))
     if (row := worst_force(result.forces)) is not None:
         note = f"{-row.likely_excess:.3g} N left with {SIGMAS:g} σ, strut {row.actuator}"
         if row.likely_excess > 0:
@@ -290,11 +285,15 @@ def _details(folder: RunFolder, result: EstimateFile) -> tuple[Fact, ...]:
 
 
 def _duration(recording: EstimatedRecording) -> str:
-    """Return the periods of a recording, or the duration of a motion without a period."""
+    """Return periods and harmonics of a recording, or the duration of a motion without a period."""
     period = readable(2 * np.pi / recording.omega, 6)
     if recording.knot_spacing is not None:
         knots = readable(recording.knot_spacing, 3)
         return f"a motion of {period} s without a period, a spline with knots every {knots} s"
-    return (
-        f"{readable(recording.periods, 6)} periods of {period} s by the {recording.period_source}"
-    )
+    text = f"{readable(recording.periods, 6)} periods of {period} s by {recording.period_source}"
+    if recording.harmonics is None:
+        return text
+    together = recording.harmonics_of_forces or recording.harmonics
+    alone = f", {recording.harmonics} of them in the lengths"
+    text += f", {count_text(together, 'harmonic')}"
+    return text + alone * (together > recording.harmonics)

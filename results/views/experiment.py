@@ -11,7 +11,7 @@ from estimation.twin.truth import Truth
 from results.figures.studies import STUDY_FIGURES
 from results.notation import count_text, percent, readable
 from results.views.folder import RunFolder
-from results.views.parameter_blocks import symbols_block
+from results.views.parameter_blocks import symbols_blocks
 from results.views.view import (
     Block,
     Fact,
@@ -92,8 +92,9 @@ def montecarlo_view(folder: RunFolder) -> StageView:
     identified = f"{len(summary.identified)} of {len(summary.parameters)}"
     experiment = summary.settings["experiment"]
     sentence = (
-        f"{summary.counts.done} simulated experiments of {experiment['periods']} periods at "
-        f"{experiment['sampling']:g} Hz, estimators {names}; {identified} parameters are "
+        f"{count_text(summary.counts.done, 'simulated experiment')} of "
+        f"{count_text(experiment['periods'], 'period')} at {experiment['sampling']:g} Hz, "
+        f"estimators {names}; {identified} parameters are "
         "identified."
     )
     if summary.interrupted:
@@ -104,7 +105,7 @@ def montecarlo_view(folder: RunFolder) -> StageView:
     word = "interrupted" if summary.interrupted else "done"
     blocks: list[Block] = [_pooled_table(estimators)]
     blocks += drawings(STUDY_FIGURES, result.rows)
-    blocks += [_statistics_table(result), symbols_block(summary.parameters)]
+    blocks += [_statistics_table(result), *symbols_blocks(summary.parameters, screen=False)]
     verdict = StageVerdict("Monte-Carlo study", level, word, sentence, "montecarlo")
     return StageView(verdict, tuple(blocks), _facts(estimators))
 
@@ -187,7 +188,9 @@ def compare_montecarlo(folders: Mapping[str, RunFolder], *_: object) -> StageVie
         "Cramér–Rao bound of each, SI units"
     )
     table = ReportTable.of("achieved", caption, columns)
+    symbols = symbols_blocks((parameter for parameter, _ in keys), screen=False)
     number = count_text(len(folders), "study", "studies")
     sentence = f"{number}: achieved standard deviations and the bound."
     title = "Monte-Carlo studies"
-    return StageView(StageVerdict(title, Level.NEUTRAL, "compared", sentence, "studies"), (table,))
+    verdict = StageVerdict(title, Level.NEUTRAL, "compared", sentence, "studies")
+    return StageView(verdict, (table, *symbols))

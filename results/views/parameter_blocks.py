@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import operator
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,19 +16,64 @@ from results.notation import DisplayUnit, concise, handy_unit
 from results.views.view import Block, ReportTable, TableColumn, TextBlock
 
 
-def symbols_block(names: Iterable[str]) -> TextBlock:
-    """Return the meaning of every parameter among the names, equal ones together.
+def symbols_blocks(names: Iterable[str], *, screen: bool) -> tuple[TextBlock, ...]:
+    """Return the meaning of every parameter among the names; nothing without any.
 
-    >>> symbols_block(["p10", "r1", "r2", "r3"]).text
-    'p10: mass of the platform and the six sliders; r1 … r3: dry friction of the actuators.'
+    On a screen it is short: without details, and with names whose meanings differ in words of
+    the same place together.
+
+    >>> names = ["p10", "r1", "r2", "r3", "v1", "v2", "v3", "mass"]
+    >>> (block,) = symbols_blocks(names, screen=True)
+    >>> block.text.partition("; ")[0]
+    'p10: mass of the platform and the six sliders'
+    >>> block.short.partition("; ")[2]
+    'r1 … r3/v1 … v3: dry/viscous friction of the actuators.'
     """
     known = {one.name: one for term in term_definitions().values() for one in term.parameters}
-    groups: dict[str, list[str]] = {}
-    for name in names:
+    full: dict[str, list[str]] = {}
+    short: dict[str, list[str]] = {}
+    for name in dict.fromkeys(names):
         if name in known:
-            groups.setdefault(known[name].in_words, []).append(name)
-    listed = "; ".join(f"{_ends(group)}: {words}" for words, group in groups.items())
-    return TextBlock(f"{listed}.")
+            words = known[name].in_words
+            full.setdefault(words, []).append(name)
+            short.setdefault(_DETAIL.split(words)[0], []).append(name)
+    if not full:
+        return ()
+    listed = [f"{_ends(group)}: {words}" for words, group in full.items()]
+    together = [
+        f"{'/'.join(map(_ends, groups))}: {' '.join(map(_alternatives, zip(*words, strict=True)))}"
+        for groups, words in _similar(short)
+    ]
+    text, brief = (f"{'; '.join(parts)}." for parts in (listed, together))
+    return (TextBlock(text, screen=screen, short=brief),)
+
+
+_DETAIL = re.compile(r"[,;:] ")
+
+
+def _similar(
+    groups: Mapping[str, Sequence[str]],
+) -> list[tuple[list[Sequence[str]], list[list[str]]]]:
+    """Return neighbours whose meanings differ in few words, together."""
+    found: list[tuple[list[Sequence[str]], list[list[str]]]] = []
+    for text, names in groups.items():
+        words = text.split()
+        if found:
+            others, before = found[-1]
+            if sum(map(operator.ne, words, before[0])) <= _FEW and len(words) == len(before[0]):
+                others.append(names)
+                before.append(words)
+                continue
+        found.append(([names], [words]))
+    return found
+
+
+_FEW = 1
+"""Number of words in which meanings differ that a screen joins."""
+
+
+def _alternatives(words: Sequence[str]) -> str:
+    return "/".join(dict.fromkeys(words))
 
 
 def _ends(names: Sequence[str]) -> str:

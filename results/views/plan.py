@@ -16,6 +16,7 @@ from results.figures.studies import plan_figure
 from results.notation import DisplayUnit, duration, handy_unit, readable
 from results.views.design import limit_title
 from results.views.folder import RunFolder
+from results.views.parameter_blocks import symbols_blocks
 from results.views.view import (
     Block,
     Drawing,
@@ -35,6 +36,7 @@ def plan_view(folder: RunFolder) -> StageView:
     obstacles = [_obstacle(one) for one in result.goals if not one.reachable]
     blocks: tuple[Block, ...] = (
         _table(result),
+        *symbols_blocks((one.quantity for one in result.goals), screen=True),
         *(TextBlock(text, Level.CAUTION, screen=True) for text in obstacles),
         *(TextBlock(text, screen=True) for text in _meanings(result)),
         Drawing(plan_figure, result),

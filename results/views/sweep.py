@@ -14,6 +14,7 @@ from expdesign.information.criteria import criteria
 from results.figures.studies import sweep_figure
 from results.notation import count_text, duration, readable
 from results.views.folder import RunFolder
+from results.views.parameter_blocks import symbols_blocks
 from results.views.view import (
     Block,
     Drawing,
@@ -41,6 +42,7 @@ def sweep_view(folder: RunFolder) -> StageView:
         TextBlock(_READ),
         Drawing(sweep_figure, result),
         _table(result, "sweep", _CAPTION, _promised(folder.configuration)),
+        *symbols_blocks((one.worst_parameter for one in result.designs), screen=True),
         _table(result, "sweep_searches", "The searches, and where the designs are", _SEARCHED),
     )
     note = _NOTE if result.interrupted else ""

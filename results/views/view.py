@@ -64,12 +64,13 @@ class Facts:
 
 @dataclass(frozen=True)
 class TextBlock:
-    """A paragraph of plain text, coloured by its level."""
+    """A paragraph of plain text, coloured by its level; a screen shows its `short` form."""
 
     kind: ClassVar[str] = "text"
     text: str
     level: Level = Level.NEUTRAL
     screen: bool = False
+    short: str = ""
 
 
 @dataclass(frozen=True)

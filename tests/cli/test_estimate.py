@@ -92,6 +92,7 @@ def test_the_screen_of_an_estimate_names_the_worst_that_would_not_be_seen(folder
     shown = console.file.getvalue()
     assert len(shown.splitlines()) <= 40, shown
     words = " ".join(shown.split())
+    assert "p10: mass of the platform and the six sliders; " in words
     record = json.loads((folder / "out" / "estimate.json").read_text())
     rows = _rows(folder).set_index("parameter", drop=False)
     name, change = re.search(r"could change (\w+) by up to ([\d.]+) ", words).groups()

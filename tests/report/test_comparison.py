@@ -1,6 +1,7 @@
 """The comparison of run folders: numbers against their definitions, and what is not compared."""
 
 import csv
+import io
 import json
 import re
 import shutil
@@ -9,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 from ruamel.yaml import YAML
 
 from expdesign.configuration import InputError, load_run
@@ -18,6 +20,7 @@ from expdesign.experiment.plan import Prediction
 from expdesign.runfolder.manifest import Manifest, entry, file_hash
 from expdesign.stages.registry import reported_stages
 from results.comparison.comparison import write_comparison
+from results.render.terminal import print_view
 from tests.blank_figures import blank_figures
 from tests.report.html import Page
 
@@ -142,6 +145,21 @@ def test_criteria_by_their_definitions(folder, twin, tmp_path):
     assert float(two["condition, nominal"]) == pytest.approx(
         float(one["condition, nominal"]), rel=1e-6
     )
+
+
+def test_each_symbol_has_its_meaning_on_the_screen_and_in_the_page(folder, twin, tmp_path):
+    for path in (folder, twin):
+        vouch_for(path)
+    out = tmp_path / "out"
+    _, views = write_comparison([folder, twin], out, reported_stages(), precision=0.05, quick=True)
+    page = (out / "report.html").read_text(encoding="utf-8")
+    for view in views[:2]:
+        console = Console(file=io.StringIO(), width=100)
+        print_view(view, console)
+        screen = " ".join(console.file.getvalue().split())
+        assert "p10: mass of the platform and the six sliders; " in screen
+        assert "r1 … r6/v1 … v6: dry/viscous friction of the actuators." in screen
+    assert page.count("p4: first moment of a stator: mass times its centre") == 2
 
 
 def test_changed_designs_and_estimates_make_no_claim(folder, twin, tmp_path):

@@ -156,7 +156,7 @@ WRENCH = Term(
         [f"{letter}_{axis}" for letter in "fm" for axis in "xyz"],
         "N",
         "N m",
-        "constant force, or moment about the TCP, that acts on the platform along a base axis",
+        "constant force on the platform, or moment about the TCP, along a base axis",
     ),
     # The actuators carry the platform's load less this wrench.
     columns=lambda _: Columns(wrench=-ca.SX.eye(COORDINATES)),

@@ -87,7 +87,7 @@ def _lump(parameters: tuple[term.Parameter, ...]) -> term.Lump:
 
 def _moment_of_inertia(name: str, axis: str, first: str, second: str) -> term.Parameter:
     meaning = f"$I_{{{axis}{axis}E}} + m_3 \\sum (b_{first}^2 + b_{second}^2)$"
-    words = f"moment of inertia of the platform about {axis} through the TCP, with the sliders"
+    words = f"inertia of the platform about {axis}, through the TCP, with the sliders"
     return term.Parameter(name, "kg m^2", meaning, term.INERTIA_SCALE, words, lower=0, strict=True)
 
 
@@ -114,7 +114,8 @@ _FIVE = (
         "kg m",
         "$s_{zE} + m_3 \\sum b_z$",
         term.FIRST_MOMENT_SCALE,
-        words="mass of the platform times its centre's height over the TCP, with the sliders",
+        words="first moment of the platform: mass times its centre's height over the TCP, with "
+        "the sliders",
     ),
     term.Parameter(
         MASS,

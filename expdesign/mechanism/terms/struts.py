@@ -138,14 +138,15 @@ TERM = Term(
             "kg m",
             "first moment of the stator about $A$, along $u$",
             FIRST_MOMENT_SCALE,
-            words="mass of a stator times its centre's distance from the base joint",
+            words="first moment of a stator: mass times its centre's distance from the base joint",
         ),
         Parameter(
             "p5",
             "kg m",
             "first moment of the slider about $B$, along $u$ (negative)",
             FIRST_MOMENT_SCALE,
-            words="mass of a slider times its centre's distance from the platform joint, negative",
+            words="first moment of a slider: mass times its centre's distance from the platform "
+            "joint, negative",
             upper=0,
         ),
     ),
