@@ -76,20 +76,22 @@ def cramer_rao_covariance(
     experiments: Sequence[Experiment],
     priors: ParameterPriors,
     values: Array,
+    deviations: Sequence[Deviation] = (),
 ) -> Array:
     """Return the Cramér–Rao bound at (p, ξ) as a covariance, (m, m); zero for fixed parameters.
 
-    Priors count as data. Estimated constants of terms are unknowns, too, evaluated at the robot's
-    values. The motions are those at which ML begins, with the exact friction signs if their rates
-    have no spread, otherwise the expected ones.
+    Priors count as data. Estimated constants of terms are unknowns, too, and the given deviations
+    with their tolerances as priors, both evaluated at the robot's values. The motions are those at
+    which ML begins, with the exact friction signs if their rates have no spread, otherwise the
+    expected ones.
     """
-    constants = priors.constants(robot)
-    machine = PerturbedMachine.of(robot, constants, np.zeros(len(constants)))
+    unknown = priors.constants_and(deviations, robot)
+    machine = PerturbedMachine.of(robot, unknown, np.zeros(len(unknown)))
     equations = [
         machine.joint_equations(each, each.fitted.motion, values, priors.free)
         for each in (experiment.for_estimator("ml") for experiment in experiments)
     ]
-    known = priors.with_deviations(constants)
+    known = priors.with_deviations(unknown)
     inverse = known.inverse(reduced_information(equations, known))
     count = int(np.count_nonzero(priors.free))
     return priors.expand(inverse[:count, :count])

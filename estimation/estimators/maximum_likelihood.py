@@ -65,9 +65,7 @@ def maximum_likelihood(
         An experiment has pointwise kinematics.
     """
     began = time.perf_counter()
-    constants = priors.constants(robot)
-    named = {one.name for one in constants}
-    deviations = (*constants, *(one for one in deviations if one.name not in named))
+    deviations = priors.constants_and(deviations, robot)
     if any(experiment.fit is None for experiment in experiments):
         raise ValueError("maximum likelihood needs motions that were fitted by Fourier series")
     # θ follows the parameters and is treated alike, with its tolerances as priors.

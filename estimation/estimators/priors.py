@@ -187,6 +187,12 @@ class ParameterPriors:
             return found
         return tuple(replace(one, tolerance=np.inf) for one in found)
 
+    def constants_and(self, others: Sequence[Deviation], robot: Robot) -> tuple[Deviation, ...]:
+        """Return the estimated constants of terms, then the others of them."""
+        constants = self.constants(robot)
+        named = {one.name for one in constants}
+        return (*constants, *(one for one in others if one.name not in named))
+
     def prior_share(self, inverse: Array, parameters: int) -> Array:
         """Return the covariance due to errors of the priors, (k, k), from F⁻¹, (k, k).
 

@@ -122,6 +122,7 @@ def estimate_parameters(
             ).items()
         }
         bound = _bound(robot, experiments, priors, estimates)
+        wider = _wider(robot, experiments, priors, best_of(estimates), section)
         best = best_of(estimates)
         machine = estimated_machine(robot, best.systematic)
         estimates, priors = _with_true_damping(machine, estimates, priors)
@@ -164,6 +165,7 @@ def estimate_parameters(
             *(warning for measurement in data for warning in measurement.warnings),
             *(() if selection is None else selection.warnings),
             *_warnings(recordings, channels, priors, estimates),
+            *wider,
             *_low_pass_warnings(robot_from(configuration.robot), recordings, best),
             *(
                 f"{name}: {_inconsistency(configuration)}"
@@ -328,6 +330,41 @@ def _bound(
     last = list(estimates.values())[-1]
     robot, values = estimated_machine(robot, last.systematic).robot, last.values
     return cramer_rao_covariance(robot, experiments, priors, values)
+
+
+def _wider(
+    robot: Robot,
+    experiments: Sequence[Experiment],
+    priors: ParameterPriors,
+    best: ParameterEstimate,
+    section: EstimateSection,
+) -> list[str]:
+    """Return the advice to estimate the deviations where that makes σ much smaller.
+
+    The σ that it would have is the Cramér–Rao bound with the deviations as unknowns.
+    """
+    chosen = toleranced_deviations(robot)
+    pointwise = any(experiment.fit is None for experiment in experiments)
+    if section.estimates_tolerances or section.systematic == "none" or pointwise or not chosen:
+        return []
+    bound = cramer_rao_covariance(robot, experiments, priors, best.values, chosen)
+    ratios = best.std[priors.free] / np.sqrt(np.diag(bound)[priors.free])
+    gain = float(np.median(ratios))
+    if not gain >= _WORTH_ESTIMATING:
+        return []
+    how = [
+        *(["`ml` to `estimate.estimators`"] if "ml" not in section.estimators else []),
+        *(["`systematic: auto` to `estimate`"] if section.systematic == "budget" else []),
+    ]
+    return [
+        f"σ would be {gain:.2g} times smaller in the median if maximum likelihood estimated the "
+        "deviations within the tolerances with the parameters (predicted from these data). What to "
+        f"do: add {' and '.join(how)}"
+    ]
+
+
+_WORTH_ESTIMATING = 1.2
+"""Ratio of standard deviations from which estimated deviations are advised."""
 
 
 def parameter_priors(configuration: RunConfiguration, robot: Robot) -> ParameterPriors:

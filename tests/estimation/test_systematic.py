@@ -1,5 +1,6 @@
 """What is not known exactly: its share of the covariance, and its estimate, against new truths."""
 
+import re
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -256,6 +257,32 @@ def test_by_default_ml_estimates_the_deviations(chosen):
             assert row.z == pytest.approx(row.value / scatter, rel=0.05)
         else:
             assert scatter < 0.11 * row.tolerance
+
+
+@pytest.mark.parametrize(
+    ("given", "what"),
+    [
+        ({"systematic": "budget", "estimators": ["ml"]}, "`systematic: auto` to `estimate`"),
+        ({"estimators": ["gm"]}, "`ml` to `estimate.estimators`"),
+    ],
+)
+def test_estimated_deviations_are_advised_by_what_they_gain(chosen, given, what):
+    data = _measured(_theta(chosen, 0.5), scale=0.3)
+    config, quiet = {"noise": "given", "harmonics": 2}, _quiet(0.3)
+
+    def estimated(tolerances, **more):
+        given = run(config | more, tolerances=tolerances, noise=quiet)
+        found = estimate_parameters(given, data, MOTION)
+        advice = [text for text in found.warnings if "times smaller" in text]
+        return found.best.std[found.priors.free], advice
+
+    (std, none), (wider, (advice,)) = estimated(TOLERANCES), estimated(TOLERANCES, **given)
+    assert none == []
+    gain = float(re.search(r"([\d.]+) times smaller in the median", advice)[1])
+    assert gain == pytest.approx(np.median(wider / std), rel=0.1)
+    assert advice.endswith(f"What to do: add {what}")
+    # A factor of all forces shows in no data.
+    assert estimated({"force_constant": {"common": "2 %"}}, **given)[1] == []
 
 
 def test_without_tolerances_everything_is_as_it_was():
