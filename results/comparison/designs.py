@@ -657,7 +657,7 @@ def _effort_table(comparison: DesignComparison) -> ReportTable:
         TableColumn("periods, median parameter", of=median),
         TableColumn("periods, all parameters", of=most),
         TableColumn("decided by", kind="parameter", of=decisive),
-        TableColumn("measuring time", "s", of=time),
+        TableColumn("measuring", "s", of=time),
     )
     caption = (
         f"Periods and time that each design needs for σ = {100 * comparison.precision:g} % of "

@@ -152,7 +152,7 @@ def derived_blocks(key: str, found: Sequence[KnownQuantity], whose: str) -> list
     shared = any(row.std_systematic > 0 for row in found)
     on_page = [
         TableColumn("σ / value", "%", digits=3, of="rel_std_percent"),
-        *([column("σ noise", "std_random"), column("σ tolerances", "std_systematic")] * shared),
+        *([column("σ random", "std_random"), column("σ systematic", "std_systematic")] * shared),
         *([TableColumn("largest source", kind="text", of="source")] * shared),
         *([column("95 % from", "ci_low", 5), column("95 % to", "ci_high", 5)] * intervals),
     ]

@@ -60,7 +60,7 @@ def _table(result: PlanResult) -> ReportTable:
         TableColumn("unit", kind="text", of=lambda row: handy_unit(row.unit, [row.wanted]).symbol),
         column("σ wanted", "wanted"),
         column("σ, run file", "std"),
-        TableColumn("mostly from", kind="text", of=lambda row: row.source.replace(".", ": ")),
+        TableColumn("largest source", kind="text", of=lambda row: row.source.replace(".", ": ")),
         column("σ, floor", "floor"),
         TableColumn("periods", of="periods"),
         TableColumn("measuring", kind="text", of=_measuring),

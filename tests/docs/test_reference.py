@@ -1,5 +1,6 @@
 """The reference tables of the docs agree with the code."""
 
+import ast
 import itertools
 import re
 from fnmatch import fnmatch
@@ -59,6 +60,8 @@ from expdesign.mechanism.term import (
 )
 from expdesign.mechanism.terms import DEFAULT, term_definitions, terms_named
 from expdesign.recheck.limit_check import TOLERANCE, grid_points
+from expdesign.robot import load_robot
+from expdesign.robot.derived import ALONE, derived_quantities
 from expdesign.runfolder.documentation import all_results, documented_page
 from expdesign.stages.registry import stages
 from results.figures.design import DESIGN_FIGURES
@@ -68,6 +71,7 @@ from tests.docs.pages import ROOT, codes, parse, table
 DOCS = ROOT / "docs"
 RUN_FILES, ROBOTS, LIMITS = DOCS / "run-files.md", DOCS / "robots.md", DOCS / "limits.md"
 RUN_FOLDER, DATA = DOCS / "run-folder.md", DOCS / "data.md"
+VIEWS, COMPARISONS = ROOT / "results" / "views", ROOT / "results" / "comparison"
 TABLES_PAGE = DOCS / "controller-tables.md"
 
 
@@ -160,6 +164,48 @@ def test_keys_and_defaults_are_the_schemas(model, page, heading):
         name = next(n for n, i in model.model_fields.items() if i is info)
         given = model.model_validate(needed | {key: parse(codes(cell)[0])})
         assert getattr(given, name) == getattr(model.model_validate(needed), name), key
+
+
+def _names_on_screen():
+    """Yield the names of facts and columns in the sources of views and comparisons."""
+    for path in [*VIEWS.glob("*.py"), *COMPARISONS.glob("*.py")]:
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            name = getattr(call, "func", None)
+            name = getattr(name, "id", getattr(name, "attr", ""))
+            if name in ("Fact", "TableColumn", "column", "text_columns"):
+                for one in call.args if name == "text_columns" else call.args[:1]:
+                    yield from (
+                        part.value
+                        for part in ast.walk(one)
+                        if isinstance(part, ast.Constant) and isinstance(part.value, str)
+                    )
+
+
+def _defined(words, terms):
+    pattern = rf"(?<!\w){re.escape(words)}(?!\w)"
+    return re.search(pattern, terms, re.IGNORECASE) is not None
+
+
+def test_the_glossary_has_every_name_on_screen():
+    text = (DOCS / "glossary.md").read_text(encoding="utf-8")
+    terms = "; ".join(re.findall(r"^\| \*\*(.+?)\*\* \|", text, re.MULTILINE))
+    names = {name.strip(" ,:⁻¹") for name in _names_on_screen()} - PLAIN
+    assert len(names) > 150
+    assert sorted(name for name in names if name and not _defined(name, terms)) == []
+    names = {*derived_quantities(load_robot("palida")).names, ALONE, "motor_inertia"}
+    derived = {re.sub(r"_([xyz]|[xyz]{2}|\d)$", "_", name) for name in names}
+    assert sorted(name for name in derived if f"`{name}" not in text and name not in terms) == []
+    for criterion in ("log det F", "log det S"):
+        assert criterion in terms
+
+
+PLAIN = {
+    *("SHA-256 of the result", "name", "folder", "file", "unit", "column", "row", "rows", "no."),
+    *("value", "reason", "outcome", "observation", "assumption", "advice", "of", "from", "to"),
+    *("motor", "parameter", "quantity"),
+    *("axis", "99.9 % of calls", "call, median", "longest call", "expdesign", "format"),
+}
+"""Words of headings that need no definition."""
 
 
 def test_every_limit_has_its_row():
