@@ -46,9 +46,10 @@ def write_machine(
     folder = Path.cwd() if out is None else out.absolute()
     refuse_unwritable(folder)
     given = {key: INIT_OPTIONS[key].read(text) for key, text in options.items() if text is not None}
+    names = _names_of_sets(given) if sources else {}
     _validated_answers({"name": name, **given})
     refuse_existing(name, folder)
-    known = read_machine(name, sources) if sources else MachineDraft(name)
+    known = read_machine(name, sources, names) if sources else MachineDraft(name)
     if sys.stdin.isatty() and not as_json:
         files = _ask_and_write(name, given, known, folder)
     else:
@@ -59,6 +60,16 @@ def write_machine(
         write_json({"status": 0, **where, "assumed": files.assumed})
     else:
         _show(files)
+
+
+def _names_of_sets(given: dict[str, Any]) -> dict[str, str]:
+    """Remove the names of a file's sets of joints from the answers; return them by their ends."""
+    ends = ("base", "platform")
+    found = {end: given.get(f"{end}_joints", []) for end in ends}
+    names = {end: one[0][0] for end, one in found.items() if [len(each) for each in one] == [1]}
+    for end in names:
+        del given[f"{end}_joints"]
+    return names
 
 
 def _write(

@@ -134,10 +134,10 @@ INIT_OPTIONS = {
     "home_height": Option("L", "Height of the TCP over the base at home; negative: it hangs."),
     "platform_z": Option("L", "Height of the platform joints over the TCP; 0 by default."),
     "base_joints": Option(
-        "'X,Y,Z; …'", "Six base joints, base frame, instead of a circle.", _points
+        "'X,Y,Z; …'", "Six base joints, base frame, or their name in a file.", _points
     ),
     "platform_joints": Option(
-        "'X,Y,Z; …'", "Six platform joints from the TCP, instead of a circle.", _points
+        "'X,Y,Z; …'", "Six platform joints from the TCP, or their name in a file.", _points
     ),
     "strut_length": Option(
         "MIN,MAX", "Lengths of a strut, joint to joint, such as '600 mm, 900 mm'.", _texts

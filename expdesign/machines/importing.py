@@ -24,6 +24,7 @@ from expdesign.configuration.schema import Ascending, Name, Pair, Section, exact
 from expdesign.machines import readers
 from expdesign.machines.assumed import height_at, points
 from expdesign.machines.machine import MachineDraft, MachineFormat, Points, Question, round_digits
+from expdesign.machines.readers.joint_list import draft_of_points
 from expdesign.machines.writing import INERTIA
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES
 
@@ -257,8 +258,14 @@ def machine_formats() -> tuple[MachineFormat, ...]:
     return declarations(MachineFormat, readers, "FORMAT")
 
 
-def read_machine(name: str, files: Sequence[Path]) -> MachineDraft:
-    """Read one machine from files of one format, SI units; missing values become questions."""
+def read_machine(
+    name: str, files: Sequence[Path], joints: Mapping[str, str] | None = None
+) -> MachineDraft:
+    """Read one machine from files of one format, SI units; missing values become questions.
+
+    `joints` has the names of the file's sets of joints by ``base`` and ``platform``, for a list of
+    joints whose names do not say it.
+    """
     if not files:
         raise InputError("no file is named", allowed="the files that describe the machine")
     found = [_format_of(path) for path in files]
@@ -270,7 +277,18 @@ def read_machine(name: str, files: Sequence[Path]) -> MachineDraft:
     if len(files) > first.most_files:
         message = f"one machine is described by at most {first.most_files} file of {first.title}"
         raise InputError(message, files[first.most_files])
-    machine = move_to_mid_stroke(drop_contradicting_ranges(first.read(name, tuple(files))))
+    if joints and first.points is None:
+        keys = " and ".join(f"--{end}-joints" for end in joints)
+        allowed = "six points; the name of a set of points where the file is a list of joints"
+        raise InputError(
+            f"{first.title} has no sets of points with names", key=keys, allowed=allowed
+        )
+    if joints and first.points is not None:
+        source = f"{first.title.removeprefix('a ')}, {files[0].name}"
+        draft = draft_of_points(name, source, first.points(files[0]), files[0], joints)
+    else:
+        draft = first.read(name, tuple(files))
+    machine = move_to_mid_stroke(drop_contradicting_ranges(draft))
     for key in ("base_joints", "platform_joints", "home"):
         value = getattr(machine, key)
         farthest = float(np.max(np.abs(value))) if isinstance(value, tuple) else 0.0

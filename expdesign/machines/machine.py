@@ -93,6 +93,9 @@ class MachineFormat:
     for files that cannot be used."""
     most_files: int = 1
     """Largest number of files that describe one machine together."""
+    points: Callable[[Path], Mapping[str, Any]] | None = None
+    """``points(file)``: its values by name, among which users may choose the sets of six joints.
+    None: a format that states them otherwise."""
 
 
 def rows(points: Array) -> Points:

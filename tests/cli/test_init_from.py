@@ -1,5 +1,8 @@
 """`expdesign init --from`: the files that it writes are the machine of another program's files."""
 
+import json
+import shlex
+
 import numpy as np
 import pytest
 
@@ -7,6 +10,7 @@ from expdesign.configuration import load_run
 from expdesign.machines.importing import read_machine
 from tests.machines import simulated
 from tests.machines.machines_of import FOLDER, lengths
+from tests.machines.test_matlab import ring
 
 
 @pytest.fixture(autouse=True)
@@ -52,6 +56,23 @@ def test_other_formats_pass_check_and_keep_the_lengths(title, expdesign, tmp_pat
         np.testing.assert_allclose(
             lengths(written, pose), lengths(machine, pose), rtol=0, atol=1e-12
         )
+
+
+def test_sets_of_joints_are_named_by_options(expdesign, tmp_path):
+    platform = np.roll(ring(0.25, 60, 12, -0.05), 1, axis=0)
+    points = [ring(0.45, 0, 8).tolist(), platform.tolist()]
+    content = dict(zip(("Gelenke unten", "oben"), points, strict=True), h=0.7, unit="m")
+    (tmp_path / "m.json").write_text(json.dumps(content))
+    command = ("init", "m", "--from", "m.json")
+    status, _, err = expdesign(*command)
+    assert status == 2
+    options = ["--base-joints", "Gelenke unten", "--platform-joints", "oben"]
+    assert shlex.join(options) in " ".join(err.split())
+    status, _, err = expdesign(*command, *options)
+    assert status == 0, err
+    np.testing.assert_allclose(load_run("m-run.yaml").robot.base_joints, points[0])
+    status, _, err = expdesign("init", "k", "--from", str(FOLDER / "mill.ini"), *options)
+    assert (status, "no sets of points with names" in " ".join(err.split())) == (2, True)
 
 
 def test_a_terminal_is_asked_only_what_the_file_does_not_say(expdesign, monkeypatch):

@@ -67,8 +67,9 @@ TEXTS = {
     "struts.csv": _columns("", BASE, PLATFORM + HOME),
     "millimetres.csv": _columns(" [mm]", 1e3 * BASE, 1e3 * (PLATFORM + HOME)),
     "joints.csv": _rows(("base", "top"), 1e3 * BASE, 1e3 * (PLATFORM + HOME)),
+    "comma.csv": _rows(("base", "top"), 1e3 * BASE, 1e3 * (PLATFORM + HOME)).replace(".", ","),
 }
-WITH_UNIT = {"lists.json", "objects.json", "millimetres.csv", "joints.csv"}
+WITH_UNIT = {"lists.json", "objects.json", "millimetres.csv", "joints.csv", "comma.csv"}
 STRUCT = {"Aa": BASE, "Ab": PLATFORM + HOME, "Bb": PLATFORM, "L": 0.7 * np.ones(6)}
 MATRICES = {
     "older struct": {"stewart": STRUCT},
@@ -93,6 +94,43 @@ def test_a_list_of_joints(name, tmp_path):
     machine = read_machine("m", [tmp_path / name])
     _assert_is_the_machine(machine)
     assert ("base_joints" in asked(machine)) == (name not in WITH_UNIT)
+
+
+@pytest.mark.parametrize(
+    ("given", "lengths", "unread"),
+    [
+        ({"min_length": 600, "max_length": 800, "stroke": 200}, [0.6, 0.8], ""),
+        ({"min_length": 600, "stroke": 200}, [0.6, 0.8], ""),
+        ({"strut_length": [600, 800], "max_speed": 0.5}, [0.6, 0.8], "max_speed"),
+        ({"stroke": 200}, None, "stroke"),
+        ({"min_length": 600, "max_length": 800, "stroke": 300}, [0.6, 0.8], "stroke"),
+    ],
+)
+def test_lengths_of_struts_and_what_is_not_read(given, lengths, unread, tmp_path):
+    joints = {"base": (1e3 * BASE).tolist(), "top": (1e3 * PLATFORM).tolist()}
+    content = json.dumps(joints | {"height": 700, "unit": "mm"} | given)
+    (tmp_path / "m.yaml").write_text(content, encoding="utf-8")
+    machine = read_machine("m", [tmp_path / "m.yaml"])
+    assert machine.limits.get("strut_length") == (lengths and pytest.approx(lengths))
+    said = " ".join(one.text for one in machine.questions)
+    assert (f"Not read from the file: {unread}." in said) == bool(unread)
+
+
+@pytest.mark.parametrize("suffix", ["json", "mat"])
+@pytest.mark.parametrize("also", ["", "platform"])
+def test_sets_of_joints_by_the_names_that_are_given(suffix, also, tmp_path):
+    file, unknown = tmp_path / f"m.{suffix}", {"unten": BASE, "oben": PLATFORM, "h": 0.7}
+    unknown |= {also: PLATFORM - 1} if also else {}
+    if suffix == "mat":
+        savemat(file, unknown)
+    else:
+        file.write_text(json.dumps(unknown, default=np.ndarray.tolist), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_machine("m", [file])
+    assert "Name them: --base-joints unten --platform-joints oben" in str(caught.value)
+    _assert_is_the_machine(read_machine("m", [file], {"base": "unten", "platform": "oben"}))
+    with pytest.raises(InputError, match="0 sets of joints of the base; sets of six points: unten"):
+        read_machine("m", [file], {"base": "mitte", "platform": "oben"})
 
 
 @pytest.mark.parametrize("name", MATRICES)

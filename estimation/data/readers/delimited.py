@@ -36,6 +36,7 @@ from expdesign.configuration import (
     InputError,
     Problem,
 )
+from expdesign.configuration.delimited import is_number, split_table
 from expdesign.configuration.estimate import Header
 from expdesign.configuration.quantity import quantity_of_unit
 
@@ -105,7 +106,6 @@ def line_blocks(path: Path) -> Iterator[list[str]]:
 _QUOTE = '"'
 _OF_NUMBERS = frozenset("0123456789+-.eE \t")
 """Characters of numbers that Python and this reader read alike."""
-_ANY_NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?")
 _MOST_TEXTS = 100_000
 """Largest number of cells without a number whose text is stored."""
 _OTHER_DELIMITERS = {";": "';'", "\t": "'\\t'", ",": "','", "|": "'|'"}
@@ -235,16 +235,7 @@ _SAMPLE = 200
 def list_columns(path: Path) -> FileContent:
     """Guess delimiter and decimal mark, and list the columns with the units of a row of units."""
     lines = next(line_blocks(path), [])[:_SAMPLE]
-    found = {
-        mark: list(csv.reader([f"{line}\n" for line in lines], delimiter=mark))
-        for mark in (*_OTHER_DELIMITERS, " ")
-    }
-
-    def numeric_cells(mark: str) -> int:
-        return sum(_is_number(cell) for row in found[mark] for cell in row)
-
-    delimiter = max(found, key=numeric_cells)
-    rows = found[delimiter]
+    form, rows = split_table(lines, _is_stamp)
     width = len(rows[-1]) if rows else 0
     first = next((n for n, row in enumerate(rows) if _is_data(row, width)), len(rows))
     header, units, stated = first - 1, list[str](), dict[str, Any]()
@@ -261,22 +252,23 @@ def list_columns(path: Path) -> FileContent:
         questions.append(f"header: {{names: …}}: the file has none for its {width} columns")
     if header > 0:
         stated["before"] = header
-    cells = [cell for row in rows[first:] for cell in row if _is_number(cell)]
-    comma = any("," in cell and not is_stamp(cell.strip()) for cell in cells)
     columns = [header_column(name, place) for place, name in enumerate(names)]
     columns = [
         replace(column, name=column.name, unit=column.unit or unit.strip("[]() ") or None)
         for column, unit in zip(columns, units or [""] * len(columns), strict=False)
     ]
-    settings = {"delimiter": delimiter, "decimal": "," if comma else "."}
+    settings = form._asdict()
     defaults = {"delimiter": "\t" if path.suffix.lower() == ".tsv" else ",", "decimal": "."}
     changed = {key: value for key, value in settings.items() if value != defaults[key]}
     return FileContent(columns, {"header": stated, **changed} if stated else changed, questions)
 
 
+def _is_stamp(cell: str) -> bool:
+    return is_stamp(cell.strip())
+
+
 def _is_number(cell: str) -> bool:
-    text = cell.strip()
-    return is_stamp(text) or _ANY_NUMBER.fullmatch(text) is not None
+    return _is_stamp(cell) or is_number(cell)
 
 
 def _is_data(row: Sequence[str], width: int) -> bool:

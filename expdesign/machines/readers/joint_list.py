@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import shlex
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 from pydantic_core import PydanticCustomError
 
 from constraints.arrays import Array
+from expdesign.configuration.delimited import split_table
 from expdesign.configuration.document import read_text, read_yaml
 from expdesign.configuration.errors import InputError
 from expdesign.configuration.quantity import LENGTH
@@ -38,7 +40,13 @@ _ALLOWED = (
 )
 
 
-def draft_of_points(name: str, source: str, values: Mapping[str, Any], file: Path) -> MachineDraft:
+def draft_of_points(
+    name: str,
+    source: str,
+    values: Mapping[str, Any],
+    file: Path,
+    names: Mapping[str, str] | None = None,
+) -> MachineDraft:
     """Return the machine with the two sets of six points among named values.
 
     Parameters
@@ -48,6 +56,8 @@ def draft_of_points(name: str, source: str, values: Mapping[str, Any], file: Pat
         Arrays, numbers and texts by dotted names; without one named ``unit`` lengths are metres or
         millimetres by their size.
     file : Path
+    names : mapping of str to str, optional
+        Names of the sets, by ``base`` and ``platform``, where their own do not say it.
 
     Raises
     ------
@@ -55,8 +65,8 @@ def draft_of_points(name: str, source: str, values: Mapping[str, Any], file: Pat
         There is no set for base or platform, or several.
     """
     sets = {key: points for key, value in values.items() if (points := _six(value)) is not None}
-    questions = []
-    if (letters := _by_letters(list(sets))) is not None:
+    questions, names = [], names or {}
+    if not names and (letters := _by_letters(list(sets))) is not None:
         text = f"Taken as base: {letters[0]}; as platform: {letters[1]}. Is it so?"
         questions.append(Question("", text))
         sets = {"base": sets[letters[0]], "platform": sets[letters[1]]}
@@ -66,12 +76,17 @@ def draft_of_points(name: str, source: str, values: Mapping[str, Any], file: Pat
         found = [
             key
             for key in sets
-            if pattern.search(_words(key)) and not any(o.search(_words(key)) for o in others)
+            if (
+                key == names[end]
+                if end in names
+                else pattern.search(_words(key)) and not any(o.search(_words(key)) for o in others)
+            )
         ]
         if len(found) != 1:
             listed = ", ".join(sets) or "none"
             message = f"{len(found)} sets of joints of the {end}; sets of six points: {listed}"
-            raise InputError(message, file, allowed=_ALLOWED)
+            by_name = f". Name them: {_options(list(sets))}" if len(sets) > 1 else ""
+            raise InputError(message, file, allowed=f"{_ALLOWED}{by_name}")
         chosen[end] = sets[found[0]]
     given = [value for key, value in values.items() if _HEIGHT.search(_words(key))]
     heights = [float(one) for one in given if isinstance(one, int | float)]
@@ -94,14 +109,62 @@ def draft_of_points(name: str, source: str, values: Mapping[str, Any], file: Pat
         platform = platform - home
         text = "The joints of the platform are given over the base: the TCP is put amid them."
         questions.append(Question("home", text))
+    lengths, unread = _strut_lengths(values)
+    if unread:
+        text = f"Not read from the file: {', '.join(unread)}. Enter what is a limit below."
+        questions.append(Question("", text))
     return MachineDraft(
         name=name,
         source=source,
         base_joints=rows(base),
         platform_joints=rows(platform),
         home=None if home is None else (*rows(home[None])[0], 0.0, 0.0, 0.0),
+        limits={"strut_length": [scale * one for one in lengths]} if lengths else {},
         questions=tuple(questions),
     )
+
+
+def _strut_lengths(values: Mapping[str, Any]) -> tuple[list[float], list[str]]:
+    """Return the shortest and longest length, nothing without them, and other limits' names."""
+    numbers = {
+        key: np.ravel(value).astype(float).tolist()
+        for key, value in values.items()
+        if _LIMIT.search(_words(key)) and np.asarray(value).dtype.kind in "iuf"
+    }
+    found = {
+        kind: (key, one[0])
+        for kind, pattern in _LENGTHS.items()
+        for key, one in numbers.items()
+        if len(one) == 1 and pattern.search(_words(key))
+    }
+    for key, one in numbers.items():
+        if len(one) == 2 and _words(key) in ("strut length", "strut lengths"):  # noqa: PLR2004
+            found = {"low": (key, one[0]), "high": (key, one[1])}
+    ends = {kind: value for kind, (_, value) in found.items()}
+    if "low" in ends and "stroke" in ends:
+        ends.setdefault("high", ends["low"] + ends["stroke"])
+    if "high" in ends and "stroke" in ends:
+        ends.setdefault("low", ends["high"] - ends["stroke"])
+    if not 0 < ends.get("low", 0) < ends.get("high", 0):
+        return [], list(numbers)
+    agree = abs(ends.get("stroke", 0) - (ends["high"] - ends["low"])) < _AGREE * ends["high"]
+    read = {key for kind, (key, _) in found.items() if kind != "stroke" or agree}
+    return [ends["low"], ends["high"]], [key for key in numbers if key not in read]
+
+
+_LIMIT = re.compile(r"stroke|length|speed|veloc|accel|force|mass")
+_LENGTHS = {
+    "low": re.compile(r"\b(min|minimum|shortest)\b.*\blength|\blength (min|minimum)\b"),
+    "high": re.compile(r"\b(max|maximum|longest)\b.*\blength|\blength (max|maximum)\b"),
+    "stroke": re.compile(r"\bstroke\b"),
+}
+_AGREE = 1e-6
+"""Relative difference up to which a stroke is that between the lengths."""
+
+
+def _options(names: list[str]) -> str:
+    chosen = zip(("base", "platform"), names, strict=False)
+    return " ".join(f"--{end}-joints {shlex.quote(name)}" for end, name in chosen)
 
 
 def _by_letters(keys: list[str]) -> list[str] | None:
@@ -171,8 +234,9 @@ def _coordinate(point: Mapping[str, Any], axis: str) -> Any:
 def _table(text: str) -> dict[str, Any]:
     """Return the sets of points in a CSV table, by columns ``base_x`` … or by rows with a name."""
     lines = [line for line in text.splitlines() if line.strip()]
-    delimiter = max(";\t,", key=lines[0].count) if lines else ","
-    header, *table = csv.reader(lines, delimiter=delimiter)
+    form, (header, *table) = split_table(lines)
+    if form.decimal != ".":
+        table = [[cell.replace(form.decimal, ".") for cell in row] for row in table]
     header = [cell.strip() for cell in header]
     units = re.findall(r"[\[(]\s*(\w+)\s*[\])]", lines[0])
     names = [re.sub(r"\s*[\[(].*", "", cell) for cell in header]
@@ -190,6 +254,10 @@ def _table(text: str) -> dict[str, Any]:
 
 
 def _values(file: Path) -> dict[str, Any]:
+    return _grouped(_ungrouped(file))
+
+
+def _ungrouped(file: Path) -> dict[str, Any]:
     suffix = file.suffix.lower()
     if suffix in (".yaml", ".yml"):
         return dict(_flat(read_yaml(file).data))
@@ -206,13 +274,14 @@ def _values(file: Path) -> dict[str, Any]:
 
 
 def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
-    values = _grouped(_values(files[0]))
-    return draft_of_points(name, f"list of joints, {files[0].name}", values, files[0])
+    return draft_of_points(name, f"list of joints, {files[0].name}", _values(files[0]), files[0])
 
 
 def _claims(path: Path) -> bool:
     # PI's YAML has its own reader.
-    return not any(re.search(r"\baxis_\d\.", key) for key in _values(path))
+    return not any(re.search(r"\baxis_\d\.", key) for key in _ungrouped(path))
 
 
-FORMAT = MachineFormat("a list of joints", (".json", ".csv", ".yaml", ".yml"), _claims, _read)
+FORMAT = MachineFormat(
+    "a list of joints", (".json", ".csv", ".yaml", ".yml"), _claims, _read, points=_values
+)

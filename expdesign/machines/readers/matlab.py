@@ -11,6 +11,7 @@ over numbers as text.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -75,8 +76,15 @@ def _by_names(name: str, source: str, values: dict[str, Array], file: Path) -> M
     if {"Aa", "Ab", "Bb"} <= set(last):
         height = float(np.mean(_points(last, "Ab", file) - _points(last, "Bb", file), axis=0)[2])
         values = {"Aa": last["Aa"], "Bb": last["Bb"], "height": np.array(height)}
-    plain = {k: float(v.reshape(())) if v.size == 1 else v for k, v in values.items()}
-    return draft_of_points(name, source, plain, file)
+    return draft_of_points(name, source, _plain(values), file)
+
+
+def _plain(values: Mapping[str, Array]) -> dict[str, Any]:
+    return {k: float(v.reshape(())) if v.size == 1 else v for k, v in values.items()}
+
+
+def _values(file: Path) -> dict[str, Any]:
+    return _plain({key: np.array(one, dtype=float) for key, one in _variables(file).items()})
 
 
 def _mathworks(name: str, source: str, values: dict[str, Array], file: Path) -> MachineDraft:
@@ -166,4 +174,4 @@ def _claims(path: Path) -> bool:
     return path.is_file()
 
 
-FORMAT = MachineFormat("a MATLAB file", (".mat",), _claims, _read)
+FORMAT = MachineFormat("a MATLAB file", (".mat",), _claims, _read, points=_values)
