@@ -7,7 +7,7 @@ ball joint, put together from whatever joints the model has there.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -87,29 +87,36 @@ def hexapod(
     joints: Sequence[Joint],
     base: int | None,
     file: Path,
+    added: Sequence[Joint] = (),
 ) -> MachineDraft:
     """Return the hexapod in a mechanism; struts are numbered in the order of their slides.
 
     `base` is the body that does not move, by default the one that carries the struts' first bodies.
+    Joints that a reader `added` count as those of the file, except in messages on what it has.
     """
+    described, joints = joints, [*joints, *added]
     groups = Groups(len(bodies), joints)
     slides = [joint for joint in joints if joint.kind == "slide"]
+    turning = sum(joint.kind == "rotation" for joint in described)
+    loops = max(len(described) - len(bodies) + 1, 0)
+    content = (
+        f"the model has {len(slides)} sliding joint{'s' * (len(slides) != 1)} other than those of "
+        f"the platform, {turning} joint{'s that turn' if turning != 1 else ' that turns'} (cranks, "
+        f"if they have motors) and {loops} closed loop{'s' * (loops != 1)}"
+    )
     if len(slides) != ACTUATORS:
-        turning = sum(joint.kind == "rotation" for joint in joints)
-        loops = len(joints) - len(bodies) + 1
-        message = (
-            f"the model has {len(slides)} sliding joints other than those of the platform, "
-            f"{turning} joints that turn (cranks, if they have motors) and {max(loops, 0)} closed "
-            f"loops"
-        )
-        raise InputError(message, file, allowed=_ALLOWED)
+        raise InputError(content, file, allowed=_ALLOWED)
     rotations = Rotations(groups, joints)
     ends = [groups.of(body) for body in slides[0].bodies]
     base_group = _hub(ends[0], rotations) if base is None else groups.of(base)
     below = rotations.paths(base_group)
     platform_group = _hub(ends[1] if ends[0] in below else ends[0], rotations)
     above = rotations.paths(platform_group)
-    struts = [_strut(slide, groups, below, above) for slide in slides]
+    try:
+        struts = [_strut(slide, groups, below, above) for slide in slides]
+    except InputError as error:
+        problems = [replace(one, message=f"{one.message}; {content}") for one in error.problems]
+        raise InputError(problems) from None
     platform = _platform_body(platform_group, groups, bodies, joints)
     place = bodies[platform].place
     names = [body.name for i, body in enumerate(bodies) if groups.of(i) == base_group]

@@ -130,6 +130,21 @@ def test_parallel_legs_with_open_ends_give_the_base_and_the_strokes_only(tmp_pat
     assert "--platform-joints" in str(caught.value)
 
 
+def test_slides_on_the_base_itself_are_refused_with_what_the_model_has(tmp_path):
+    """Legs that cannot turn are another machine, whatever the platform is."""
+    legs = "".join(
+        f'<link name="leg{j}"/><joint name="slide{j}" type="prismatic"><parent link="base"/>'
+        f'<child link="leg{j}"/><origin xyz="{x} {y} {z}"/><axis xyz="0 0 1"/>'
+        '<limit lower="0" upper="0.2" effort="800" velocity="0.4"/></joint>'
+        for j, (x, y, z) in enumerate(bench.BASE)
+    )
+    with pytest.raises(InputError, match="allowed") as caught:
+        read(tmp_path, f'<robot name="m"><link name="base"/>{legs}</robot>', ".urdf")
+    said = " ".join(str(caught.value).split())
+    assert "it is fixed to the base; the model has 6 sliding joints" in said
+    assert "0 joints that turn" in said
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

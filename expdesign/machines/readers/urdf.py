@@ -67,7 +67,7 @@ def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
     if loops >= ACTUATORS - 1 or len(slides) != ACTUATORS:
         return hexapod(name, source, model.links, joints, model.base, files[0])
     links, closed = model.close_legs(slides)
-    machine = hexapod(name, source, links, [*joints, *closed], model.base, files[0])
+    machine = hexapod(name, source, links, joints, model.base, files[0], closed)
     axes = np.array([joint.axes[0] for joint in slides])
     if np.max(np.linalg.norm(np.cross(axes, axes[0]), axis=1)) < _PARALLEL:
         text = "The model's legs are parallel and their ends open: where are the platform's joints?"
