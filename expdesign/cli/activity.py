@@ -18,9 +18,9 @@ from results.notation import duration
 
 HEARTBEAT = 10.0
 """Seconds between two lines, at least, where nothing can be redrawn in place."""
-LONGEST = 60.0
-"""Up to this pause, s, the next line comes after twice the time of the last one, so that the number
-of lines hardly depends on the load of the machine."""
+GROWTH, LONGEST = 1.5, 60.0
+"""A pause as a share of the time that had passed before it, up to so many seconds: the number of
+lines hardly depends on the load of the machine."""
 _UNCHANGED = 60.0
 """The same between two lines that state the same progress."""
 _CHECKED = 1.0
@@ -80,7 +80,7 @@ class Activity:
         self._write_due_line()
 
     def _write_due_line(self) -> None:
-        if self.paused:
+        if self.paused or not self._what:
             return
         with self._lock:
             state = self._what, self._done
@@ -88,14 +88,15 @@ class Activity:
                 self.write_line(self.line)
                 self._shown = state
 
-    def is_due(self, pause: float | None = None) -> bool:
+    def is_due(self, pause: float | None = None, longest: float | None = None) -> bool:
         """Return whether a line is due; pauses grow with the time that has passed."""
         if self._console.is_terminal:
             return False
         now = time.monotonic()
         if self._spoke is None:
             return now - self._began > _SILENT
-        growing = min(self._spoke - self._began, LONGEST)
+        most = LONGEST if longest is None else longest
+        growing = min(GROWTH * (self._spoke - self._began), most)
         return now - self._spoke > max(HEARTBEAT if pause is None else pause, growing)
 
     def write_line(self, text: str) -> None:

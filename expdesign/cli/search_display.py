@@ -26,6 +26,8 @@ from results.notation import duration
 
 _ENOUGH = 0.05
 """Share of a search that predicts the rest of its time, with at least one start that has ended."""
+_LONGEST = 300.0
+"""Longest pause between two lines of a search, s: its log has at most some 40 lines."""
 _RENEWED = 1.0
 """Smallest time between two predictions of the best motion's precision, s."""
 _TRUE = ("done", "finished")
@@ -103,7 +105,7 @@ class SearchDisplay:
             self._rough.add(event.start)
         else:
             self._running[event.start] = event
-        if self._activity.is_due():
+        if self._activity.is_due(longest=_LONGEST):
             self._describe_best()
             self._activity.write_line(f"{self._head}; {self._best_text or self._text(event)}")
 

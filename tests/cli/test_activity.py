@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 from rich.console import Console
 
-from expdesign.cli.activity import HEARTBEAT, LONGEST, Activity, left_text
+from expdesign.cli.activity import GROWTH, HEARTBEAT, LONGEST, Activity, left_text
 from results.notation import duration
 
 
@@ -38,7 +38,8 @@ def test_elsewhere_a_line_at_growing_intervals(clock):
         if len(lines(console)) > len(spoken):
             spoken.append(clock.now - 100.0)
     for sooner, later in pairwise(spoken):
-        assert later - sooner == pytest.approx(max(HEARTBEAT, min(sooner, LONGEST)), abs=1.5)
+        pause = max(HEARTBEAT, min(GROWTH * sooner, LONGEST))
+        assert later - sooner == pytest.approx(pause, abs=1.5)
     assert spoken[0] == 3.0
     assert all("export" in line and "rows" in line and "of 4000" in line for line in lines(console))
 
