@@ -17,6 +17,7 @@ from pydantic_core import PydanticCustomError
 
 from constraints.arrays import Array
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
+from expdesign.configuration.design import DERIVED
 from expdesign.configuration.errors import nearest_name, quote
 from expdesign.configuration.quantity import quantity_in
 from expdesign.experiment.judging import (
@@ -29,12 +30,20 @@ from expdesign.experiment.precision import (
     experiment_information,
     experiment_tolerance_effects,
 )
+from expdesign.experiment.result import DesignResult, ParameterPrecision
 from expdesign.experiment.sensitivity import sensitivity_at_design
 from expdesign.experiment.setup import plan_search
 from expdesign.information import fisher
 from expdesign.mechanism.terms import parameter_unit
 from expdesign.recheck.evaluator import Evaluator
-from expdesign.robot.derived import NOISE, ErrorShares, derived_quantities
+from expdesign.robot.derived import (
+    ALONE,
+    NOISE,
+    ErrorShares,
+    KnownQuantity,
+    belongs_to,
+    derived_quantities,
+)
 from expdesign.robot.deviation import Deviation, toleranced_deviations
 from expdesign.runfolder import OpenNumber, StageResult, Table, described
 from expdesign.trajectory import FourierTrajectory
@@ -197,6 +206,63 @@ def plan_measurement(configuration: RunConfiguration, trajectory: FourierTraject
         goals=tuple(goals),
         curves=tuple(_curves(goals, prediction)),
     )
+
+
+def goals_of_design(result: DesignResult) -> tuple[PlannedGoal, ...]:
+    """Return the goals of a run by the stored precision of its design, without a prior.
+
+    The floor is the share of the tolerances in the design's own experiment. With estimated
+    tolerances it falls with further periods, of which fewer are then sufficient.
+
+    Raises
+    ------
+    InputError
+        A goal is unknown, not determined by the design, or has a wrong unit.
+    """
+    run, derived, own = result.configuration.run, result.derived, result.parameters
+    every: list[KnownQuantity | ParameterPrecision] = [*derived, *own]
+    names = (*(one.quantity for one in derived), *(one.name for one in own))
+    groups = [*DERIVED, *(ALONE + name for name in DERIVED)]
+    known = _Quantities(
+        names=names,
+        groups=tuple(next((g for g in groups if belongs_to(name, g)), name) for name in names),
+        units=tuple(one.unit for one in every),
+        values=np.array([*(one.value for one in derived), *(one.nominal for one in own)]),
+    )
+    random = np.array([*(d.std_random for d in derived), *(p.std_experiment for p in own)])
+    floor = np.nan_to_num([one.std_systematic for one in every])
+    std, sources = np.hypot(random, floor), [one.source or NOISE for one in every]
+    stated, period, goals = run.experiment.periods, result.trajectory.period, list[PlannedGoal]()
+    for wish in _wishes(run.goals, known, result.configuration.file):
+        places, wanted = np.array([*wish.wanted]), np.array([*wish.wanted.values()])
+        missed = bool(np.any(floor[places] >= wanted))
+        most = int(np.argmax((floor if missed else std)[places] / wanted))
+        periods = np.nan
+        if not missed:
+            share = float(np.max(random[places] ** 2 / (wanted**2 - floor[places] ** 2)))
+            periods = float(np.ceil(stated * max(share, 1.0)))
+        place = int(places[most])
+        goals.append(
+            PlannedGoal(
+                goal=wish.name,
+                quantities=", ".join(names[one] for one in places),
+                quantity=names[place],
+                unit=known.units[place],
+                wanted=float(wanted[most]),
+                std=float(std[place]),
+                floor=float(floor[place]),
+                reachable=not missed,
+                periods=periods,
+                minutes=periods * period / 60,
+                source=sources[place],
+                obstacle=sources[place] if missed else "",
+                tolerance=np.nan,
+                tolerance_unit="",
+                tolerance_percent=np.nan,
+                all_tolerances_percent=np.nan,
+            )
+        )
+    return tuple(goals)
 
 
 def minutes_to_goals(

@@ -25,6 +25,7 @@ from expdesign.solver.feasibility import InfeasibleLimitsError
 from results.figures.design import DESIGN_FIGURES
 from results.notation import DisplayUnit, duration, handy_unit, percent, readable
 from results.views.folder import RunFolder
+from results.views.goals import design_goal_blocks
 from results.views.parameter_blocks import combination_blocks, derived_blocks, symbols_blocks
 from results.views.view import (
     Block,
@@ -69,6 +70,7 @@ def design_view(folder: RunFolder) -> StageView:
             if result.configuration.run.design.is_change
             else []
         ),
+        *design_goal_blocks(result),
         *derived_blocks(
             "design_derived", result.derived, "with the σ predicted for the experiment"
         ),
@@ -245,14 +247,15 @@ def precision_facts(parameters: Sequence[ParameterPrecision]) -> list[Fact]:
 
 
 def _tolerance_fact(parameters: Sequence[ParameterPrecision]) -> list[Fact]:
-    """Return the tolerance that limits most parameters; nothing where noise limits most of them."""
+    """Return the tolerance that limits most parameters; nothing where noise limits all of them."""
     sources = [one.source for one in parameters if one.source not in ("", NOISE)]
-    if 2 * len(sources) <= len(parameters):
+    if not sources:
         return []
     most = max(dict.fromkeys(sources), key=sources.count)
+    noisy = len(parameters) - len(sources)
     note = (
-        f"the largest source of {sources.count(most)} of {len(parameters)} parameters; "
-        f"noise is of {len(parameters) - len(sources)}: more periods hardly help"
+        f"the largest source of {sources.count(most)} of {len(parameters)} parameters; noise is "
+        f"of {noisy}: more periods {'hardly help' if noisy < len(sources) else 'help these'}"
     )
     return [Fact("limiting tolerance", most, note)]
 

@@ -16,6 +16,7 @@ from results.figures.studies import plan_figure
 from results.notation import DisplayUnit, duration, handy_unit, readable
 from results.views.design import limit_title
 from results.views.folder import RunFolder
+from results.views.goals import floor_in_words, goals_table
 from results.views.parameter_blocks import symbols_blocks
 from results.views.view import (
     Block,
@@ -35,7 +36,7 @@ def plan_view(folder: RunFolder) -> StageView:
     result = folder.result(PlanResult)
     obstacles = [_obstacle(one) for one in result.goals if not one.reachable]
     blocks: tuple[Block, ...] = (
-        _table(result),
+        goals_table("plan", result.goals, _caption(result)),
         *symbols_blocks((one.quantity for one in result.goals), screen=True),
         *(TextBlock(text, Level.CAUTION, screen=True) for text in obstacles),
         *(TextBlock(text, screen=True) for text in _meanings(result)),
@@ -44,42 +45,12 @@ def plan_view(folder: RunFolder) -> StageView:
     return StageView(_verdict(result), blocks, _facts(result), heading="Measuring time")
 
 
-def _table(result: PlanResult) -> ReportTable:
-    digits = next((n for n in _DIGITS if _shows_misses(result.goals, n)), _DIGITS[0])
-
-    def column(label: str, of: str) -> TableColumn:
-        return TableColumn(
-            label,
-            digits=digits,
-            of=lambda row: handy_unit(row.unit, [row.wanted]).factor * getattr(row, of),
-        )
-
-    columns = (
-        TableColumn("goal", kind="text", of="goal"),
-        TableColumn("decided by", kind="text", of="quantity", wide=True),
-        TableColumn("unit", kind="text", of=lambda row: handy_unit(row.unit, [row.wanted]).symbol),
-        column("σ wanted", "wanted"),
-        column("σ, run file", "std"),
-        TableColumn("largest source", kind="text", of=lambda row: row.source.replace(".", ": ")),
-        column("σ, floor", "floor"),
-        TableColumn("periods", of="periods"),
-        TableColumn("measuring", kind="text", of=_measuring),
-    )
-    caption = (
+def _caption(result: PlanResult) -> str:
+    return (
         f"Periods of {readable(result.period)} s that reach each goal (standard deviations, "
         f"{result.estimator}), the largest source of σ, run file; floor: share of the tolerances "
         f"after {LONGEST_DAYS} days"
     )
-    return ReportTable.of("plan", caption, columns, result.goals, screen=True, latex=True)
-
-
-_DIGITS = range(3, 7)
-
-
-def _shows_misses(goals: Sequence[PlannedGoal], digits: int) -> bool:
-    """Return whether the floors of missed goals differ from the wanted values in so many digits."""
-    missed = [one for one in goals if not one.reachable]
-    return all(f"{one.floor:.{digits}g}" != f"{one.wanted:.{digits}g}" for one in missed)
 
 
 def _meanings(result: PlanResult) -> Iterator[str]:
@@ -102,27 +73,19 @@ def _meanings(result: PlanResult) -> Iterator[str]:
     )
 
 
-def _measuring(goal: PlannedGoal) -> str:
-    if goal.periods == 0:
-        return "reached before"
-    return duration(60 * goal.minutes) if goal.reachable else "–"
-
-
 def _obstacle(goal: PlannedGoal) -> str:
     """Return what prevents a missed goal, and what to do, in words."""
     unit = handy_unit(goal.unit, [goal.wanted])
-    wanted, floor, possible = (
-        unit.quantity(value, 3)
-        for value in (goal.wanted, goal.floor, math.sqrt(2) * goal.floor)  # half for the noise
-    )
+    possible = unit.quantity(math.sqrt(2) * goal.floor, 3)  # half for the noise
     if goal.obstacle == NOISE:
         return (
             f"{goal.goal}: after {LONGEST_DAYS} days the noise alone leaves more than the wanted "
-            f"{wanted}. What to do: state a larger goal, allow more harmonics or widen a limit."
+            f"{unit.quantity(goal.wanted, 3)}. What to do: state a larger goal, allow more "
+            "harmonics or widen a limit."
         )
     text = (
-        f"{goal.goal}: after {LONGEST_DAYS} days the tolerances alone leave σ = {floor}; wanted, "
-        f"with the noise, is {wanted}. What to do: state a goal of {possible} or more"
+        f"{floor_in_words(goal, f'after {LONGEST_DAYS} days')} What to do: state a goal of "
+        f"{possible} or more"
     )
     if np.isfinite(goal.tolerance_percent):
         size = handy_unit(goal.tolerance_unit, [goal.tolerance])

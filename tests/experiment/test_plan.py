@@ -14,18 +14,30 @@ from estimation.identification.estimator_result import estimated_quantities
 from expdesign.cli.app import app
 from expdesign.configuration import InputError
 from expdesign.configuration.run import GridPoint
+from expdesign.experiment.judging import noise_evaluator
 from expdesign.experiment.plan import (
     PlanResult,
+    goals_of_design,
     median_std_percent,
     minutes_to_goals,
     plan_measurement,
 )
+from expdesign.experiment.precision import (
+    derived_precisions,
+    experiment_information,
+    parameter_precisions,
+    precision,
+    predicted_errors,
+    tolerance_std,
+)
+from expdesign.experiment.result import PredictedStd
 from expdesign.experiment.sweep import SweptDesign, sweep_result
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, toleranced_deviations
 from results.comparison.designs import ComparedDesign
 from results.views.design import limit_title
 from results.views.folder import RunFolder
+from results.views.goals import design_goal_blocks
 from results.views.plan import plan_view
 from results.views.view import ReportTable, TextBlock, cell_text
 from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
@@ -253,6 +265,72 @@ def test_a_limit_helps_in_percent_of_the_standard_deviations(percent, words):
     (fact,) = _shown(stated)[2]
     assert fact.value == limit_title("strut_speed")
     assert fact.note.startswith(f"{words} if")
+
+
+def _designed(config):
+    """What a design of the motion stores of its precision."""
+    evaluator = noise_evaluator(config)
+    information, samples = experiment_information(evaluator, MOTION, config)
+    errors = predicted_errors(config, evaluator, MOTION, information, samples)
+    found = precision(evaluator, information, samples, config.run.experiment.periods)
+    predicted = PredictedStd(found, found, **tolerance_std(evaluator.names, errors))
+    return SimpleNamespace(
+        configuration=config,
+        trajectory=MOTION,
+        parameters=tuple(parameter_precisions(evaluator.robot, predicted, errors)),
+        derived=derived_precisions(config, evaluator, errors),
+        systematic=predicted.systematic,
+    )
+
+
+@pytest.mark.parametrize(
+    ("tolerances", "systematic"), [(None, "auto"), (TOLERANCES, "budget"), (TOLERANCES, "auto")]
+)
+def test_a_design_answers_the_goals_of_its_run_as_the_plan_does(tolerances, systematic):
+    goals = {"mass": "0.6 %", "centre": "0.01 mm", "v1": "0.5 %", "p10": "90 %"}
+    config = _run(goals, tolerances, systematic=systematic)
+    planned = {one.goal: one for one in plan_measurement(config, MOTION).goals}
+    for goal in goals_of_design(_designed(config)):
+        plan = planned[goal.goal]
+        assert (goal.quantity, goal.unit, goal.source) == (plan.quantity, plan.unit, plan.source)
+        assert goal.std == pytest.approx(plan.std, rel=1e-3)
+        assert goal.wanted == pytest.approx(plan.wanted)
+        if goal.std <= goal.wanted:
+            assert goal.reachable
+            assert goal.periods == 5 >= plan.periods
+        elif goal.reachable:  # estimated tolerances are smaller after further periods
+            assert plan.reachable
+            assert goal.periods >= plan.periods > 5
+            assert goal.periods == plan.periods or systematic == "auto" != tolerances
+        else:
+            assert goal.floor >= goal.wanted
+            assert goal.obstacle
+            assert systematic == "auto" or not plan.reachable
+
+
+@pytest.mark.parametrize(("periods", "named"), [(500, True), (5, False)])
+def test_the_screen_of_a_design_answers_its_goals(periods, named):
+    """It names the tolerance where that, and not the noise, is the largest source."""
+    goals, tolerances = {"mass": "0.7 %", "v1": "90 %"}, {"force_constant": {"common": "1 %"}}
+    given = _designed(_run(goals, tolerances, periods=periods, systematic="budget"))
+    table, meanings, obstacle = design_goal_blocks(given)
+    titles = [one.title for one in table.columns]
+    mass, friction = (dict(zip(titles, row, strict=True)) for row in table.rows)
+    assert (mass["goal"], mass["measuring"]) == ("mass", "–")
+    assert (friction["goal"], friction["periods"]) == ("v1", periods)
+    assert table.screen
+    assert "v1" in meanings.text
+    assert obstacle.screen
+    words = f"with {periods} periods the tolerances alone leave σ = 0.163 kg"
+    assert words in obstacle.text
+    assert ("The largest is force_constant: common." in obstacle.text) is named
+    assert "expdesign plan" in obstacle.text
+
+
+def test_a_design_without_usable_goals():
+    assert not [*design_goal_blocks(_designed(_run({})))]
+    (text,) = design_goal_blocks(_designed(_run({"mas": "1 %"})))
+    assert "no quantity that the design determines" in text.text
 
 
 def test_a_sweep_has_the_minutes_of_each_goal():
