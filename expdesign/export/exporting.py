@@ -12,6 +12,7 @@ import numpy as np
 
 from expdesign.configuration import ComputationError, ExportSection, InputError
 from expdesign.configuration.export import COUNTS
+from expdesign.export.certification import LIMIT_SHARE
 from expdesign.export.definition import (
     ANGLE_UNITS,
     LENGTH_UNITS,
@@ -23,7 +24,7 @@ from expdesign.export.definition import (
     Task,
 )
 from expdesign.export.formats import table_formats
-from expdesign.export.read_back import ReadBack, read_back
+from expdesign.export.read_back import LOG_DET_CHANGE, STD_SHARE, ReadBack, read_back
 from expdesign.export.row_times import designed_rows, sufficient_step
 from expdesign.export.text_table import write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, POSE
@@ -49,6 +50,8 @@ LONGEST = 3600.0
 _MORE_DIGITS = {"m": 3, "mm": 0, "um": -3, "in": 2, "rad": 2, "deg": 0, "rev": 3}
 
 BAG = ".mcap"
+_ROUNDED = 1e-4
+"""Change of a table's accelerations by rounding, as a share of them, that matters near a limit."""
 
 
 class ExportError(ComputationError):
@@ -94,8 +97,7 @@ def _remedy(check: ReadBack, settings: Settings) -> str:
     if settings.form.controller is not None:
         return settings.form.controller.condition(settings)
     if settings.digits == settings.form.count_digits == 0:
-        # Rounding to whole counts weighs most at short steps.
-        return "a longer segment, or finer counts may help"
+        return _remedy_of_counts(check, settings)
     ways = [short if section.segment is None else f"no segment, or {short}"]
     if settings.digits is not None and (section.digits is not None or section.segment is None):
         ways.append("more digits")
@@ -103,6 +105,32 @@ def _remedy(check: ReadBack, settings: Settings) -> str:
         # What else is beyond, a limit of the robot or the information, it does not change.
         ways.append("a larger tolerance")
     return f"{', or '.join(ways)} may help"
+
+
+def _remedy_of_counts(check: ReadBack, settings: Settings) -> str:
+    """Return what helps a table of whole counts, by the cause of its failure.
+
+    Straight lines leave the distance a h²/8 between rows h apart, and rounding by e changes the
+    accelerations a at the rows by up to 4 e/h².
+    """
+    off, step = check.deviation.position, settings.step or 0.0
+    rounding = settings.half_unit / float(np.min(np.abs(settings.axes.factor)))
+    if not off <= settings.tolerance and rounding > settings.tolerance:
+        return "finer counts may help: their rounding is beyond the tolerance"
+    if not off <= settings.tolerance or rounding < _ROUNDED * 2 * off:
+        ways = ["a shorter segment"]
+        if len(check.failures) == 1 and not off <= settings.tolerance:
+            ways.append(f"a tolerance of {np.ceil(1e6 * off):g} µm or more")
+        return f"straight lines between rows {1e3 * step:g} ms apart: {', or '.join(ways)} may help"
+    excesses = [one.violation / LIMIT_SHARE for one in check.limits]
+    if (change := check.information) is not None:
+        excesses.append(abs(change.log_det_change) / LOG_DET_CHANGE)
+        excesses.append(abs(change.std_change) / STD_SHARE)
+    return (
+        "rounding to whole counts weighs most at short steps: finer counts "
+        f"({np.ceil(max(excesses)):g} times as many), a longer segment with a larger tolerance "
+        f"({2e3 * step:g} ms leave about {4e6 * off:.2g} µm), or a scale below 1 may help"
+    )
 
 
 def file_name(section: ExportSection) -> str:

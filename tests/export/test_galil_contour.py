@@ -1,5 +1,7 @@
 """Galil's contour mode: whole counts that add up, and files that mean something else."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -66,12 +68,42 @@ def test_a_step_that_the_controller_has_not_is_refused(tmp_path):
         export_table(_section(segment="7.3 ms"), work_of("palida"), tmp_path / "galil.dmc")
 
 
-def test_coarse_counts_at_short_steps_are_refused_with_what_helps(tmp_path):
+@pytest.mark.parametrize(
+    ("options", "words", "better"),
+    [
+        (
+            {"counts_per_metre": 1e6},
+            r"finer counts \((\d+) times as many\), a longer segment with a larger tolerance",
+            lambda times: {"counts_per_metre": 1e6 * int(times)},
+        ),
+        (
+            {"counts_per_metre": 1e9, "segment": "4 ms", "tolerance": "1 um"},
+            r"a shorter segment, or a tolerance of (\d+) µm or more may help",
+            lambda size: {"tolerance": f"{size} um"},
+        ),
+        (
+            {"counts_per_metre": 1e9, "segment": "20 ms"},
+            r"rows 20 ms apart: (a shorter segment) may help",
+            lambda _: {"segment": "4 ms"},
+        ),
+        (
+            {"counts_per_metre": 1e4, "segment": "20 ms"},
+            r"(finer counts) may help: their rounding is beyond the tolerance",
+            None,
+        ),
+    ],
+)
+def test_what_a_refused_table_advises_helps(options, words, better, tmp_path):
+    """Rounding at short steps, and straight lines at long ones, whose advice is another."""
+
+    def export(**more):
+        section = export_section(format="galil-contour", **(options | more))
+        export_table(section, task("linuxcnc"), tmp_path / "fine.dmc")
+
     with pytest.raises(ExportError) as caught:
-        export_table(
-            export_section(format="galil-contour", counts_per_metre=1e6),
-            task("linuxcnc"),
-            tmp_path / "fine.dmc",
-        )
-    assert "longer segment" in caught.value.remedy
+        export()
     assert not (tmp_path / "fine.dmc").exists()
+    (found,) = re.findall(words, caught.value.remedy)
+    if better is not None:
+        export(**better(found))
+        assert (tmp_path / "fine.dmc").exists()
