@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Annotated
@@ -80,9 +80,6 @@ class UndetectedEffect:
     shifts: Annotated[
         dict[str, float], described("SI", "largest change of every estimated parameter")
     ]
-    derived: Annotated[
-        dict[str, float], described("SI", "largest change of every derived quantity")
-    ]
     sigmas: Annotated[
         float, described("1", "largest change in standard deviations of the parameter")
     ]
@@ -90,6 +87,9 @@ class UndetectedEffect:
     forces: Annotated[
         float, described("N", "rms change of the predicted forces by these shifts along the motion")
     ]
+    derived: Annotated[
+        dict[str, float], described("SI", "largest change of every derived quantity")
+    ] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,8 +41,8 @@ _LARGEST_CHANGE = 0.5
 ACCURATE = 3e-9
 """Largest error of poses in the unit of `WITHIN`: cells with larger errors are divided."""
 _DIVISIONS = 10
-_STEPS = 16
-"""From the lengths at home to the first ones."""
+_STEPS = (16, 64, 256)
+"""From the lengths at home to the first ones; more if the fewer ones prove nothing."""
 _BLOCK = 1024
 
 
@@ -221,8 +221,21 @@ def _reached_from_home(
         )
     )
     at_home = robot.inverse_kinematics(start_pose)
-    way = at_home + np.linspace(0.0, 1.0, _STEPS + 1)[:, None] * (begin - at_home)
-    start = robot.forward_kinematics(way[:-1], np.tile(start_pose, (_STEPS, 1)))
+    known = np.zeros(len(poses.edges), dtype=bool)
+    for steps in _STEPS:
+        way = at_home + np.linspace(0.0, 1.0, steps + 1)[:, None] * (begin - at_home)
+        known = _reached(kinematics, poses, start_pose, way, slack)
+        if known[0]:
+            break
+    return known
+
+
+def _reached(
+    kinematics: EnclosedKinematics, poses: _Poses, start_pose: Array, way: Array, slack: Array
+) -> Mask:
+    """Return the cells (N,) whose pose is reached by a way of lengths (K + 1, 6), m, and theirs."""
+    steps = len(way) - 1
+    start = kinematics.robot.forward_kinematics(way[:-1], np.tile(start_pose, (steps, 1)))
     start[0] = start_pose
     models = [TaylorModel(column[None, :].copy(), np.zeros(1)) for column in start.T]
     ways = []
@@ -241,7 +254,7 @@ def _reached_from_home(
     # The pose of one of the two is within the ρ of the other.
     joined = (gaps + errors[1:] < withins[:-1]) | (gaps + errors[:-1] < withins[1:])
     joined &= np.isfinite(errors[1:]) & np.isfinite(errors[0])
-    known: Mask = np.logical_and.accumulate(joined)[_STEPS - 1 :]
+    known: Mask = np.logical_and.accumulate(joined)[steps - 1 :]
     return known
 
 

@@ -14,10 +14,13 @@ from estimation.diagnostics.residual_covariance import (
     joint_residual_covariance,
 )
 from estimation.estimators import Experiment
+from estimation.estimators.experiment import UNSURE
 from estimation.kinematics import fit_motion
 from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model.motion import NormalEquations
 from estimation.processing import PeriodSource, fold_recording
 from estimation.processing.spectrum import given_filter
+from expdesign.robot.deviation import force_jumps
 from tests.diagnostics.conftest import HARMONICS, Laboratory
 
 EFFECTS = 5
@@ -203,3 +206,83 @@ def test_prediction_with_unknown_signs(case, twin):
         added = own @ estimate @ own.T + motion @ experiment.fit.covariance @ motion.T
         expected = np.linalg.eigvalsh(np.eye(len(own)) + (added + unsure @ unsure.T) / sigma)
         np.testing.assert_allclose(np.sort(law.weights(channel)), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("held_out", [False, True])
+def test_signs_of_several_experiments_beside_tolerances_and_a_prior(twin, held_out):
+    """One dense system that has the signs of all experiments among its unknowns."""
+    rng, zero, noise = np.random.default_rng(3), twin.zero, twin.lab.noise
+    rows, lengths = len(twin.part.forces), twin.part.lengths
+
+    def columns(count):
+        of_lengths = 1e-4 * rng.normal(size=(*lengths.shape, count))
+        return Signature(rng.normal(size=(rows, 6, count)), of_lengths)
+
+    parts = []
+    for _ in range(3):
+        errors, precision = _signs(rng, rows)
+        forces, read = 30 * rng.normal(size=(rows, 6)), 1e-3 * rng.normal(size=lengths.shape)
+        signs = {"sign_errors": errors, "sign_precision": precision}
+        parts.append(replace(twin.part, forces=forces, lengths=read, **signs))
+    parameters = len(zero.gradient)
+    root = rng.normal(size=(parameters, parameters))
+    prior = NormalEquations(0.0, 1e-3 * root @ root.T, rng.normal(size=parameters))
+    tolerances, effects = [columns(4) for _ in parts], [columns(3) for _ in parts]
+    given, off = rng.uniform(0.5, 2, 4), rng.normal(size=4)
+    systems = joint_systems(parts, [noise] * 3, prior, tolerances, held_out=held_out)
+
+    known = parameters + len(given)
+    own, others = [], []  # dense columns of each experiment, and their precisions
+    for part, tolerance in zip(parts, tolerances, strict=True):
+        plain = replace(part, sign_errors=part.sign_errors[:, :0], sign_precision=np.zeros(0))
+        (raw,) = joint_systems([plain], [noise], zero, [Signature.none(part)], held_out=False)
+        signs = Signature.of_forces(part, part.sign_errors.toarray().reshape(rows, 6, -1))
+        motion = raw.columns[:, parameters:]
+        own.append(
+            [raw, raw.columns[:, :parameters], raw.whiten(tolerance), motion, raw.whiten(signs)]
+        )
+        others.append(np.r_[np.zeros(motion.shape[1]), part.sign_precision])
+    for target, (raw, *_) in enumerate(own):
+        used = [target] if held_out else [0, 1, 2]
+        ends = np.cumsum([known, *(len(others[each]) for each in used)])
+        dense = []
+        for each, end, first in zip(used, ends[1:], ends, strict=False):
+            _, shared, tolerated, *rest = own[each]
+            whole = np.zeros((len(shared), ends[-1]))
+            whole[:, :known] = np.hstack([shared, tolerated])
+            whole[:, first:end] = np.hstack(rest)
+            dense.append(whole)
+        matrix = sum(one.T @ one for one in dense)
+        gradient = sum(
+            one.T @ own[each][0].residuals for one, each in zip(dense, used, strict=True)
+        )
+        matrix += np.diag(np.r_[np.zeros(parameters), given, *(others[each] for each in used)])
+        matrix[:parameters, :parameters] += prior.matrix
+        gradient[:known] += np.r_[prior.gradient, given * off]
+        scale = np.sqrt(np.diag(matrix))
+        step = np.linalg.solve(matrix / np.outer(scale, scale), gradient / scale) / scale
+        mine, wanted = dense[used.index(target)], raw.whiten(effects[target])
+        left = raw.residuals - mine @ step
+        mixed = (mine.T @ wanted) / scale[:, None]
+        lost = mixed.T @ np.linalg.solve(matrix / np.outer(scale, scale), mixed)
+        solved = systems[target].with_tolerances(tolerances[target], given, off).solution
+        found = solved.project(effects[target])
+        np.testing.assert_allclose(found.score, wanted.T @ left, rtol=1e-8)
+        np.testing.assert_allclose(found.information, wanted.T @ wanted - lost, rtol=1e-8)
+
+
+def test_unknown_signs_have_the_variance_of_their_rows(twin):
+    """A sign that is 1 with P has the variance 4 P (1 − P); it is zero away from reversals."""
+    lab, experiment = twin.lab, twin.experiment
+    values, motion = lab.robot.parameters, experiment.fit.motion
+    free = np.ones(len(values), dtype=bool)
+    part = linearise(lab.robot, experiment, values, free, motion)
+    times = experiment.recording.forces.times
+    signs = experiment.along_motion(motion).signs(lab.robot, times)
+    jumps, _, _ = force_jumps(lab.robot, motion.at(times).state(), signs, values)
+    share = (1 + signs) / 2
+    of_rows = np.einsum("tir,tr->ti", jumps**2, 4 * share * (1 - share))
+    found = (part.sign_errors.toarray() ** 2).sum(axis=1).reshape(of_rows.shape)
+    np.testing.assert_allclose(found, of_rows, atol=2 * UNSURE * np.max(jumps**2))
+    assert np.any(found > 0)
+    assert np.mean(np.any(found > 0, axis=1)) < 0.9

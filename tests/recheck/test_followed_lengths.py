@@ -7,15 +7,18 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
+from expdesign.enclosure.paths import EnclosedSeries
 from expdesign.recheck.followed_lengths import (
     FollowedLengths,
     RecordedNoise,
     followed_harmonics,
     raised_harmonics,
 )
-from expdesign.robot import robot_from
+from expdesign.recheck.followed_path import certify_followed
+from expdesign.robot import LimitModel, Robot, robot_from
 from expdesign.robot.deviation import apply_deviations, toleranced_deviations
 from expdesign.trajectory import TrajectoryFile
+from tests.diagnostics.conftest import excitation
 
 DESIGN = Path(__file__).parents[2] / "benchmarks" / "designs" / "palida.json"
 MOTION = TrajectoryFile.read(DESIGN).trajectory
@@ -89,3 +92,26 @@ def test_a_machine_without_a_pose_has_the_most_harmonics_of_the_samples():
     recorded = RecordedNoise(NOISE, None, SAMPLES, 91)
     assert followed_harmonics(followed, MOTION.omega, about.parameters, recorded, 5) == 30
     assert followed_harmonics(followed, MOTION.omega, about.parameters, recorded, 40) == 40
+
+
+@pytest.mark.parametrize("zeros", [0.0, 0.02])
+def test_limits_are_proved_along_a_path_far_from_the_design(zeros):
+    """With joints off by up to 20 mm; the excess at the samples is within what is proved."""
+    motion, controller, rng = excitation(), robot(), np.random.default_rng(4)
+    moved = {
+        name: getattr(controller.description, name) + rng.uniform(-0.02, 0.02, (6, 3))
+        for name in ("base_joints", "platform_joints")
+    }
+    machine = Robot(replace(controller.description, **moved))
+    followed = FollowedLengths(motion, controller, machine, np.full(6, zeros))
+    model = LimitModel.of(machine)
+    checks = certify_followed(model, followed, EnclosedSeries(motion))
+    states = followed.sample(np.linspace(0, motion.period, 5001))
+    values = model.values(np.hstack([states.pose, states.rate, states.acceleration]))
+    for limit, columns in zip(model.limits, model.columns, strict=True):
+        (check,) = (one for one in checks if one.key == limit.key)
+        assert np.isfinite(check.proved), check.key
+        found, size = values[:, columns], limit.upper - limit.lower
+        excess = np.maximum(found - limit.upper, limit.lower - found)
+        share = excess / np.where(np.isfinite(size), size, np.abs(check.bound))
+        assert np.max(share) <= check.proved + 1e-9, check.key
