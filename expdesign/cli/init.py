@@ -51,7 +51,9 @@ def write_machine(
     refuse_existing(name, folder)
     known = read_machine(name, sources, names) if sources else MachineDraft(name)
     if sys.stdin.isatty() and not as_json:
-        files = _ask_and_write(name, given, known, folder)
+        begun = [*(f"--from {shlex.quote(str(file))}" for file in sources or ())]
+        begun += [f"{flag(f'{end}_joints')} {shlex.quote(one)}" for end, one in names.items()]
+        files = _ask_and_write(name, given, known, folder, begun)
     else:
         # Values from a file are named by their keys.
         files = _write(name, given, known, folder, given if sources else INIT_OPTIONS)
@@ -87,9 +89,12 @@ def _write(
 
 
 def _ask_and_write(
-    name: str, options: Mapping[str, Any], known: MachineDraft, folder: Path
+    name: str, options: Mapping[str, Any], known: MachineDraft, folder: Path, begun: Sequence[str]
 ) -> WrittenFiles:
-    """Ask for missing values and write the files; answers that contradict are asked for again."""
+    """Ask for missing values and write the files; answers that contradict are asked for again.
+
+    If this ends, a command is printed with the options that it had `begun` with and the answers.
+    """
     given = dict(options)
     try:
         _ask_missing(given, _known_options(known))
@@ -109,7 +114,11 @@ def _ask_and_write(
                     raise
     except (InputError, typer.Abort):
         answers = [f"{flag(key)} {shlex.quote(_text(value))}" for key, value in given.items()]
-        note(f"the answers so far: expdesign init {' '.join([name, *answers])}")
+        # One line, which a terminal wraps and a user can paste.
+        console = messages()
+        console.soft_wrap = True
+        command = " ".join(["expdesign init", name, *begun, *answers])
+        note(f"the answers so far: {command}", console)
         raise
 
 

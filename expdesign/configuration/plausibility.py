@@ -175,6 +175,8 @@ def _within_rounding(consistent: Realisable, values: Array, reach: Array) -> Arr
 _TURN = 2 * np.pi
 FASTEST = 50.0
 """Above every strut's speed, m/s."""
+_FARTHEST = 50.0
+"""Above every distance of a joint or of the TCP from its origin, m."""
 _LENGTHS = 20.0
 """Above every limit in m, in lengths of the longest strut at home."""
 _HEAVY = 1000.0
@@ -197,6 +199,17 @@ def likely_unit_errors(
                 for text in _wide_bounds(limit, bounds[limit.unit])
             ]
     return [*found, *_drive_errors(drive, parameters, longest)]
+
+
+def far_points(places: Mapping[str, Array]) -> Iterator[str]:
+    """Yield a warning for each key with points, (…, 3), m, farther away than on any machine."""
+    for key, points in places.items():
+        farthest = float(np.max(np.linalg.norm(np.atleast_2d(points), axis=1)))
+        if farthest > _FARTHEST:
+            yield (
+                f"{key}: {quantity_text(farthest, 'm', 4)} from the origin is more than on any "
+                f"machine ({quantity_text(_FARTHEST, 'm')}). A plain number is in m"
+            )
 
 
 def _wide_bounds(limit: Limit, most: float) -> Iterator[str]:

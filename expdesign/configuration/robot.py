@@ -362,6 +362,13 @@ def _with_warnings(
         *geo.gravity_warnings(robot.gravity, home.joints - robot.base_joints),
         *consistency.warnings,
         *of_reserve,
+        *plausibility.far_points(
+            {
+                "base_joints": robot.base_joints,
+                "platform_joints": robot.platform_joints,
+                "home": robot.home[:3],
+            }
+        ),
         *plausibility.likely_unit_errors(
             stated, robot.drive, parameters, float(np.max(home.lengths))
         ),

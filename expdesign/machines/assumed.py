@@ -29,6 +29,7 @@ from expdesign.configuration.limits import (
     resolve_limits,
     shared_rows,
 )
+from expdesign.configuration.quantity import quantity_text
 from expdesign.configuration.robot import EARTH_GRAVITY, RobotDescription, resolve_robot
 from expdesign.configuration.schema import Section, validate
 from expdesign.machines.machine import MachineDraft, Points, round_digits
@@ -165,8 +166,21 @@ def _height(machine: MachineDraft, base: Array, platform: Array) -> float:
     if "strut_length" in machine.limits:
         bounds = _bounds(machine.limits, "strut_length")
         middle = float(np.mean((bounds.lower + bounds.upper) / 2))
+        refuse_short_struts(float(np.min(bounds.upper)), platform - base)
         height = height_at(middle, platform - base) or height
     return round_digits(height + gap, 3) if height + gap else height
+
+
+def refuse_short_struts(longest: float, struts: Array) -> None:
+    """Refuse struts, (6, 3), m, that are too short for any height of home."""
+    if height_at(longest, struts) is not None:
+        return
+    across = float(np.mean(np.hypot(struts[:, 0], struts[:, 1])))
+    message = (
+        f"no height of home fits: struts of at most {quantity_text(longest, 'm')} are too short "
+        f"for joints of base and platform that are {quantity_text(across, 'm', 3)} apart across"
+    )
+    raise InputError(message, key="strut_length", allowed="longer struts, or other joints")
 
 
 def height_at(length: float, struts: Array) -> float | None:

@@ -22,7 +22,7 @@ from expdesign.configuration.parameters import DIRECT, Drive
 from expdesign.configuration.quantity import quantity_in
 from expdesign.configuration.schema import Ascending, Name, Pair, Section, exactly
 from expdesign.machines import readers
-from expdesign.machines.assumed import height_at, points
+from expdesign.machines.assumed import height_at, points, refuse_short_struts
 from expdesign.machines.machine import MachineDraft, MachineFormat, Points, Question, round_digits
 from expdesign.machines.readers.joint_list import draft_of_points
 from expdesign.machines.writing import INERTIA
@@ -158,10 +158,13 @@ def machine_from_answers(
     if one.stroke is not None:
         limits["strut_length"] = _about_home(machine, one.stroke, answers)
         questions.append(Question("limits.strut_length", _HOME_IN_THE_MIDDLE))
+    elif height is not None and "strut_length" in limits:
+        _refuse_home(replace(machine, limits=limits), answers)
     if one.drive in ("screw", "gear") and one.lead is None:
         questions.append(Question("drive", _LEAD % one.drive))
     elif machine.drive and machine.drive.geared and machine.drive.geared.inertia is None:
-        questions.append(Question("drive", INERTIA))
+        asked = Question("drive", INERTIA)
+        questions += [] if asked in questions else [asked]
     return replace(machine, limits=limits, questions=tuple(questions))
 
 
@@ -227,6 +230,28 @@ def _tolerances(one: MachineDescription) -> dict[str, Any]:
         "delay": one.delay_tolerance,
     }
     return {key: value for key, value in found.items() if value is not None}
+
+
+def _refuse_home(machine: MachineDraft, answers: Located[MachineDescription]) -> None:
+    """Refuse a stated height at which the struts are shorter or longer than they can be."""
+    base, platform, home = machine.base_joints, machine.platform_joints, machine.home
+    if base is None or platform is None or home is None:
+        return
+    low, high = np.broadcast_to(machine.limits["strut_length"], (ACTUATORS, 2)).T
+    struts = geometry_at(np.array(home), points(base), points(platform))
+    if np.all((low <= struts.lengths) & (struts.lengths <= high)):
+        return
+    shortest, longest = (
+        quantity.quantity_text(float(end(struts.lengths)), "m", 4) for end in (np.min, np.max)
+    )
+    vectors = struts.lengths[:, None] * struts.directions
+    above = float(np.mean(vectors[:, 2]))
+    refuse_short_struts(float(np.min(high)), vectors)
+    ends = (height_at(float(end), vectors) or 0.0 for end in (np.max(low), np.min(high)))
+    heights = sorted(home[2] - above + math.copysign(end, above) for end in ends)
+    message = f"the struts have {shortest} to {longest} there, outside their lengths"
+    allowed = " to ".join(quantity.quantity_text(one, "m", 3) for one in heights)
+    raise InputError(answers.problem(("home_height",), message, allowed))
 
 
 def _about_home(

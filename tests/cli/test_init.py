@@ -161,6 +161,8 @@ def test_joints_as_lists_and_a_stroke(expdesign):
         (["--strut-length", "0.9, 0.6"], "--strut-length"),
         (["--strut-length", "-0.1, 0.6"], "--strut-length[1]"),
         ([*TOLD[:12], "--strut-length", "0.1, 0.2"], "--strut-length"),
+        ([*TOLD[:8], "--home-height", "3 m", "--strut-length", "0.6, 0.9"], "--home-height"),
+        ([*TOLD[:8], "--strut-length", "200 mm, 250 mm"], "--strut-length"),
         ([*TOLD[:12], "--actuator-force", "1 N", "--mass", "1 t"], "--actuator-force"),
         (["--strut-speed", "fast"], "--strut-speed"),
         (["--mass", "-3 kg"], "--mass"),
@@ -177,6 +179,20 @@ def test_bad_input_is_told_by_its_option_and_writes_nothing(expdesign, tmp_path,
     assert status == 2
     assert key in [problem["key"] for problem in problems]
     assert list(tmp_path.iterdir()) == []
+
+
+def test_heights_of_home_that_fit_are_stated(expdesign):
+    lengths = ("--strut-length", "600 mm, 900 mm")
+    status, _, err = expdesign("init", "mine", *TOLD[:8], *lengths, "--home-height", "3 m")
+    low, high = re.search(r"allowed: ([\d.]+) m to ([\d.]+) m", " ".join(err.split())).groups()
+    assert status == 2
+    for height in (float(low) + 0.01, float(high) - 0.01):
+        told = (*TOLD[:8], *lengths, "--home-height", f"{height} m")
+        status, _, err = expdesign("init", f"mine{round(1e3 * height)}", *told)
+        assert status == 0, err
+    status, _, err = expdesign("init", "mine", *TOLD[:8], "--strut-length", "200 mm, 250 mm")
+    assert "no height of home fits: struts of at most 0.25 m" in " ".join(err.split())
+    assert "home lie elsewhere" not in err
 
 
 def test_an_empty_name_is_refused(expdesign, tmp_path):
@@ -310,13 +326,17 @@ def test_answers_that_contradict_are_asked_for_again(expdesign, answers):
     assert asked.count("base_radius") == 1
 
 
-def test_answers_are_kept_when_the_command_ends(expdesign, answers):
+def test_answers_are_kept_when_the_command_ends(expdesign, answers, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("FORCE_COLOR", "1")
     answers(actuator_force="2 kN", strut_length="600 mm, 900 mm")
     status, _, err = expdesign("init", "mine", "--platform-joints", "0.1,0,0;" * 6)
     assert status == 2
-    assert "the answers so far: expdesign init mine" in err
-    assert "--strut-length '600 mm, 900 mm'" in err
-    assert "--platform-joints '0.1, 0, 0; " in err
+    err = re.sub(r"\x1b\[[\d;]*m", "", err)
+    # The command is one line, so that it can be pasted.
+    (line,) = re.findall("the answers so far: expdesign init mine .*", err)
+    assert "--strut-length '600 mm, 900 mm'" in line
+    assert "--platform-joints '0.1, 0, 0; " in line
 
 
 def test_empty_answers_leave_everything_open(expdesign, answers):

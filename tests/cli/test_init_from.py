@@ -35,6 +35,7 @@ def test_linuxcnc_and_options_that_count_before_it(expdesign, tmp_path):
     text = (tmp_path / "mill.yaml").read_text(encoding="utf-8")
     assert "drive: {screw: {lead: 5 mm}}" in text
     assert robot.drive.screw.thread == "right"
+    assert text.count("Which inertia have motor, coupling and screw") == 1
     assert "genhexkins corrects the lengths" in " ".join(text.replace("# ?", " ").split())
 
 

@@ -38,6 +38,13 @@ def warned(tmp_path):
         ({"limits.rotation": {"psi": [-15, 15]}}, ("limits.rotation: psi", "-859.4 deg")),
         ({"limits.alpha": [-20, 20]}, ("limits.alpha", "rad")),
         ({"limits.position": {"x": [-50, 50]}}, ("limits.position: x", "-50 m")),
+        (
+            {
+                "base_joints": {"radius": 720, "half_angle": 0.1, "pairs": "1-2"},
+                "home": [0, 0, 0.7, 0, 0, 0],
+            },
+            ("base_joints: 720 m",),
+        ),
         ({"limits.strut_speed": 250}, ("limits.strut_speed", "250 m/s")),
         ({"drive": {"screw": {"lead": 10, "inertia": 6e-5}}}, ("lead", "10 m")),
         ({"drive": {"screw": {"lead": 0.01, "inertia": 0.6}}}, ("m_drive", "kg cm^2")),
