@@ -9,6 +9,7 @@ import numpy as np
 
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.grid import short_path, value_text
+from expdesign.experiment.judging import criterion_symbol
 from expdesign.experiment.sweep import FAILED, SweepResult, SweptDesign
 from expdesign.information.criteria import criteria
 from results.figures.studies import sweep_figure
@@ -41,7 +42,7 @@ def sweep_view(folder: RunFolder) -> StageView:
     blocks: tuple[Block, ...] = (
         TextBlock(_READ),
         Drawing(sweep_figure, result),
-        _table(result, "sweep", _CAPTION, _promised(folder.configuration)),
+        _table(result, "sweep", _CAPTION, _promised(folder.configuration, result)),
         *symbols_blocks((one.worst_parameter for one in result.designs), screen=True),
         _table(result, "sweep_searches", "The searches, and where the designs are", _SEARCHED),
     )
@@ -57,11 +58,13 @@ _CAPTION = (
 )
 
 
-def _promised(configuration: RunConfiguration) -> tuple[TableColumn, ...]:
-    log_det = criteria()["d"].named(configuration.run.design.information)
+def _promised(configuration: RunConfiguration, result: SweepResult) -> tuple[TableColumn, ...]:
+    design, title = configuration.run.design, "criterion value"
+    if not {path.rpartition(".")[2] for path in result.grid} & _OF_THE_CRITERION:
+        title = criteria()[design.criterion].named(criterion_symbol(configuration))
     return (
         TableColumn("status", kind="outcome", of="status"),
-        TableColumn(log_det, digits=5, of="log_det_information"),
+        TableColumn(title, digits=5, of="criterion_value"),
         TableColumn("σ, equal time", "%", digits=3, of="equal_time_rel_std_percent"),
         TableColumn("σ, median", "%", digits=3, of="median_rel_std_percent"),
         TableColumn("σ, worst", "%", digits=3, of="worst_rel_std_percent"),
@@ -76,8 +79,10 @@ def _promised(configuration: RunConfiguration) -> tuple[TableColumn, ...]:
     )
 
 
+_OF_THE_CRITERION = {"criterion", "counts", "information", "interest", "systematic", "estimators"}
+"""Keys of a grid with which the designs' criteria are different ones."""
+
 _SEARCHED = (
-    TableColumn("criterion value", digits=5, of="criterion_value"),
     TableColumn("period", "s", of="period"),
     TableColumn("iterations", of="iterations"),
     TableColumn("evaluations", of="evaluations"),

@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
 from expdesign.configuration import load_run
 from expdesign.experiment.sweep import SweepResult, SweptDesign, sweep_result
+from expdesign.library import robot_files
 from results.figures.drawing import PALETTE, house_style
 from results.figures.studies import _unbeaten, sweep_figure
 from results.views.folder import RunFolder
@@ -131,3 +133,28 @@ def test_the_line_joins_those_that_no_other_beats(places):
         assert points[one, 1] > points[following, 1]
     for place in points:
         assert any(np.all(points[k] <= place) for k in best)
+
+
+@pytest.mark.parametrize(
+    ("tolerances", "grid", "heading"),
+    [
+        ({}, {"trajectory.harmonics": [2, 3]}, "log det F"),
+        ({"gravity": "0.5 deg"}, {"trajectory.harmonics": [2, 3]}, "log det S"),
+        ({"gravity": "0.5 deg"}, {"design.counts": ["noise", "total"]}, "criterion value"),
+    ],
+)
+def test_the_table_names_the_criterion_that_was_used(tolerances, grid, heading):
+    palida = yaml.safe_load(robot_files()["palida"].read_text("utf-8"))
+    robot = palida | {"tolerances": tolerances}
+    configuration = load_run({"name": "n", "robot": robot, "sweep": grid})
+    designs = [
+        replace(SweptDesign.missing(number, point, "failed", ""), criterion_value=1.0 + number)
+        for number, point in enumerate(configuration.grid, start=1)
+    ]
+    record = sweep_result(configuration, designs)
+    view = sweep_view(RunFolder(Path(), {}, configuration, None, {SweepResult: record}))
+    (table,) = (block for block in view.blocks if getattr(block, "key", "") == "sweep")
+    places = [column.title for column in table.columns]
+    assert [row[places.index(heading)] for row in table.rows] == [2.0, 3.0]
+    others = {"log det F", "log det S", "criterion value"} - {heading}
+    assert not others & set(places)
