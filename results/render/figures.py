@@ -29,16 +29,15 @@ def draw_figures(
 ) -> tuple[Path, ...]:
     """Draw the figures of a view into ``figures/`` of its run folder; return the files.
 
-    With `missing` only those without a file in SVG or in one of the formats are drawn, and those
-    that are renewed for every report. The same result gives the same bytes, in any number of
+    With `missing` only those without a file in one of the formats are drawn, and those that are
+    renewed for every report. The same result gives the same bytes, in any number of
     processes.
     """
     place = folder / FIGURES
     wanted = [(drawing, formats) for drawing in view.drawings]
     if missing:
-        every = {*formats, "svg"}
         wanted = [
-            (drawing, every if drawing.renewed else _missing_formats(drawing, place, every))
+            (drawing, formats if drawing.renewed else _missing_formats(drawing, place, formats))
             for drawing in view.drawings
         ]
     wanted = [(drawing, endings) for drawing, endings in wanted if endings]
@@ -77,27 +76,35 @@ def draw_machine(
     return save_figures((machine_figure,), robot, folder / FIGURES, formats=formats)
 
 
-def embed_drawings(blocks: Iterable[Block], folder: Path) -> tuple[Block, ...]:
+def embedded_format(formats: Collection[str]) -> str:
+    """Return the format of the figures in a page: SVG, or PNG where that is wanted alone."""
+    return "png" if "png" in formats and "svg" not in formats else "svg"
+
+
+def embed_drawings(blocks: Iterable[Block], folder: Path, ending: str = "svg") -> tuple[Block, ...]:
     """Return blocks with the folder's files for the drawings; one without a file is left out."""
     found: list[Block] = []
     for block in blocks:
         if not isinstance(block, Drawing):
             found.append(block)
-        elif (file := folder / FIGURES / f"{block.definition.key}.svg").is_file():
+        elif (file := folder / FIGURES / f"{block.definition.key}.{ending}").is_file():
             found.append(embed_figure(file, block.caption))
     return tuple(found)
 
 
-def other_figures(folder: Path, known: Collection[str]) -> tuple[EmbeddedFigure, ...]:
+def other_figures(
+    folder: Path, known: Collection[str], ending: str = "svg"
+) -> tuple[EmbeddedFigure, ...]:
     """Return the figures of a folder whose keys are not among the known ones."""
-    files = sorted((folder / FIGURES).glob("*.svg"))
+    files = sorted((folder / FIGURES).glob(f"*.{ending}"))
     return tuple(embed_figure(p, p.stem.replace("_", " ")) for p in files if p.stem not in known)
 
 
 def embed_figure(path: Path, caption: str) -> EmbeddedFigure:
-    """Return a figure with its SVG inside."""
-    text = base64.b64encode(path.read_bytes()).decode("ascii")
-    return EmbeddedFigure(path.stem, caption, f"data:image/svg+xml;base64,{text}")
+    """Return a figure with its SVG or PNG inside."""
+    text, ending = base64.b64encode(path.read_bytes()).decode("ascii"), path.suffix[1:]
+    kind = "image/svg+xml" if ending == "svg" else f"image/{ending}"
+    return EmbeddedFigure(path.stem, caption, f"data:{kind};base64,{text}", ending)
 
 
 def _missing_formats(drawing: Drawing, place: Path, formats: Collection[str]) -> list[str]:

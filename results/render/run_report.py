@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from expdesign.recheck.limit_check import REACHED, reached_limits
 from expdesign.robot import LimitModel, Robot
 from expdesign.runfolder.files import write_text
 from results.notation import duration
-from results.render.figures import draw_figures, embed_drawings, other_figures
+from results.render.figures import draw_figures, embed_drawings, embedded_format, other_figures
 from results.render.markup import html_page, latex_table
 from results.views.export import control_models_section
 from results.views.folder import RunFolder, ViewedStage
@@ -85,7 +86,13 @@ def write_report(
     written = [
         file for view in views.values() for file in draw_figures(view, path, formats, missing=True)
     ]
-    page = run_page(folder, views)
+    with TemporaryDirectory() as own:
+        pictures = path
+        if embedded_format(formats) not in formats:  # PDF, which no page can show
+            pictures = Path(own)
+            for view in views.values():
+                draw_figures(view, pictures, ("svg",))
+        page = run_page(folder, views, pictures)
     for table in page.tables:
         if table.latex and table.rows:
             file = path / "tables" / f"{table.key}.tex"
@@ -96,9 +103,15 @@ def write_report(
     return [*written, path / NAME]
 
 
-def run_page(folder: RunFolder, views: Mapping[str, StageView]) -> Page:
-    """Return the page of a folder with the views of its stages."""
-    run = folder.configuration.run
+def run_page(
+    folder: RunFolder, views: Mapping[str, StageView], pictures: Path | None = None
+) -> Page:
+    """Return the page of a folder with the views of its stages.
+
+    The figures are those of the folder, or of another one for `pictures`.
+    """
+    run, place = folder.configuration.run, pictures or folder.path
+    ending = embedded_format(run.report.figures)
     sections = [view.section for view in views.values()]
     animation = robot_animation(folder)
     if animation is not None:
@@ -106,10 +119,10 @@ def run_page(folder: RunFolder, views: Mapping[str, StageView]) -> Page:
     models = control_models_section(folder)
     if models is not None:
         sections.append(models)
-    sections = [page_section(section, folder.path) for section in sections]
+    sections = [page_section(section, place, ending) for section in sections]
     blocks = (block for section in sections for block in section.blocks)
     known = {block.key for block in blocks if isinstance(block, EmbeddedFigure)}
-    if further := other_figures(folder.path, known):
+    if further := other_figures(place, known, ending):
         sections.append(PageSection("further", "Further figures", further))
     sections.append(_provenance(folder))
     changed = (*folder.changes.folder, *folder.changes.pages)
@@ -125,10 +138,10 @@ def run_page(folder: RunFolder, views: Mapping[str, StageView]) -> Page:
     )
 
 
-def page_section(section: PageSection, folder: Path) -> PageSection:
+def page_section(section: PageSection, folder: Path, ending: str = "svg") -> PageSection:
     """Return a section for a page: figures from files of the folder, findings as tables."""
     blocks = (b.table if isinstance(b, FindingsBlock) else b for b in section.blocks)
-    return replace(section, blocks=embed_drawings(blocks, folder))
+    return replace(section, blocks=embed_drawings(blocks, folder, ending))
 
 
 def _with_failures(folder: RunFolder, views: Mapping[str, StageView]) -> list[StageVerdict]:

@@ -278,13 +278,14 @@ def drawings(
 class EmbeddedFigure:
     """A figure file in a page.
 
-    The source is the SVG as a data URI: an image runs no scripts, and its ids are private.
+    The source is the SVG or PNG as a data URI: an image runs no scripts, and its ids are private.
     """
 
     kind: ClassVar[str] = "figure"
     key: str
     caption: str
     source: str
+    ending: str = "svg"
 
 
 @dataclass(frozen=True)

@@ -148,6 +148,21 @@ def test_figures_are_drawn_in_the_formats_that_are_wanted(folder):
     assert drawn.read_bytes() == svg
 
 
+@pytest.mark.parametrize(("ending", "kind"), [("png", "png"), ("pdf", "svg+xml")])
+def test_no_other_formats_are_written_for_the_page(ending, kind, folder):
+    run = folder / "run.yaml"
+    text = run.read_text(encoding="utf-8")
+    run.write_text(re.sub(r"figures: \[.*\]", f"figures: [{ending}]", text), encoding="utf-8")
+    for stage in ("design", "truth", "estimate", "validation"):
+        (folder / f"{stage}.json").unlink()
+    shutil.rmtree(folder / "figures")
+    write_report(folder, reported_stages())
+    assert {path.suffix for path in (folder / "figures").iterdir()} == {f".{ending}"}
+    page = text_of(folder)
+    assert "figure-montecarlo_bias" in Page(page).ids
+    assert page.count("data:image/") == page.count(f"data:image/{kind};base64,") > 0
+
+
 def test_figures_that_nobody_knows_are_shown_too(folder):
     shutil.copy(folder / "figures" / "struts.svg", folder / "figures" / "of_another_stage.svg")
     write_report(folder, reported_stages())
