@@ -6,7 +6,7 @@ effects of the diagnosis, derivatives at the estimate, would interpret it as cog
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -25,10 +25,11 @@ from estimation.channels.report import (
     describe_force_scale,
     describe_lag,
     flow,
+    force_unit,
     shortened,
 )
 from estimation.channels.search import ChannelSearch
-from estimation.channels.wiring import Wiring
+from estimation.channels.wiring import Candidate, Wiring
 from estimation.diagnostics.finding import Assumption, Finding, join_words
 from estimation.processing import NoiseModel, PeriodicRecording
 from expdesign.configuration import InputError, Problem
@@ -102,28 +103,49 @@ class ChannelCheck:
     """Sentence on a factor of all forces that no machine of the kind has; empty: none."""
     least_lag: Callable[[], float] = lambda: 0.0
     """Returns the smallest lag of the forces that this recording would have shown, s."""
+    clock: str = ""
+    """Sentence on the clock of the recording, if it is another than that of the motion."""
 
     def corrected(self, section: DataSection) -> dict[str, Any]:
         """Return the keys of the section that is right, without defaults, as in a run file."""
         return shortened(section.model_dump(exclude_defaults=True) | self.keys)
 
+    def with_force_unit(self, section: DataSection, unit: tuple[str, str] | None) -> ChannelCheck:
+        """Add the unit that all forces certainly have, and a sentence on it, to the faults."""
+        if unit is None:
+            return self
+        units = self.keys.get("units", section.units) | {"Q": unit[0]}
+        return replace(
+            self,
+            faults=(*self.faults, ("Q", unit[1])),
+            keys=self.keys | {"units": units},
+            sure=self.sure or not self.faults,
+            force_scale="",
+        )
+
+    def sections(self, section: DataSection) -> dict[str, dict[str, Any]]:
+        """Return the sections of the run file that are right: `data`, and that of the clock."""
+        clock = {"estimate": {"frequency": "estimated"}} if self.clock else {}
+        return {"data": self.corrected(section), **clock}
+
     def refuse(self, section: DataSection, source: str) -> None:
-        """Refuse a recording whose channels certainly contradict the section.
+        """Refuse a recording whose clock or channels certainly contradict the run.
 
         Raises
         ------
         WrongChannelsError
             It contains the section that is right.
         """
-        if not (self.faults and self.sure):
+        known = self if self.sure else replace(self, faults=(), keys={})
+        if not (known.clock or known.faults):
             return
-        sentences = "; ".join(sentence for _, sentence in self.faults)
-        corrected = self.corrected(section)
-        text = "".join(yaml_lines("data", corrected, 2))
+        sentences = "; ".join(filter(None, (self.clock, *(each for _, each in known.faults))))
+        right = known.sections(section)
+        text = "".join(line for key, one in right.items() for line in yaml_lines(key, one, 2))
         message = f"{sentences}. The section that is right:\n{text.rstrip()}"
         allowed = "this section, or --force to estimate in spite of it"
         problem = Problem(message, Path(source) if source else None, allowed=allowed)
-        raise WrongChannelsError([problem], {"data": corrected})
+        raise WrongChannelsError([problem], right)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -152,12 +174,13 @@ def check_channels(
     harmonics: int,
     design: FourierTrajectory | None = None,
     *,
-    has_units: bool = False,
+    has_units: Collection[str] = (),
 ) -> ChannelCheck:
     """Search for channels that explain a recording much better than those of the section.
 
     All parameters are free, the geometry is the nominal one. With the executed design, its lengths
-    determine the channels of the lengths. If the file has their units, another unit is a scale.
+    determine the channels of the lengths. `has_units` are the groups of channels of which the file
+    has units: another unit of the lengths is then a scale.
     """
     home = robot.inverse_kinematics(robot.home)
     zeros = home if section.length_offsets == "home" else np.array(section.length_offsets)
@@ -183,37 +206,43 @@ def check_channels(
     gain_errors = model.gain_errors(found)
     filtered = any(section.channel_filters("Q"))
     ambiguous = found.low_pass is not None or (found.delay < 0 and filtered)
-    lag = ""
-    if ambiguous:
-        lag = describe_lag(robot, found.delay, found.low_pass, section)
-    elif found.channel_lag is not None:
-        lag = describe_channel_lag(found.channel_lag, section)
+    lag = _lag_in_words(robot, section, found, ambiguous=ambiguous)
     found = replace(found, delay=0.0) if ambiguous else found
     late_error = delay_error(model, found) if found.delay else 0.0
     # Without stated zeros none of them is wrong.
     named = replace(found.lengths, offsets=np.zeros(ACTUATORS)) if from_home else found.lengths
-    described = replace(found, lengths=named)
-    faults = tuple(describe_faults(described, late_error, gain_errors))
+    faults = tuple(describe_faults(replace(found, lengths=named), late_error, gain_errors))
     margin = found.next_best - found.excess
     sure = left < _LEFT and margin > max(_CLEAR * left, model.least_decrease)
     # Channels that explain mean forces alone, behind a low pass of all variation, are not certain.
     sure = sure and found.channel_lag is None and of_found > _LEAST_CERTAIN_SHARE
     sure = sure and float(np.max(gain_errors)) < _LEAST_CERTAIN_GAIN
     shown = explained, as_given, noise_share
+    accepted = explained >= _EXPLAINED and (sure or not none)
     scale = "" if none else describe_force_scale(robot, *model.nominal_scale(given))
     least_lag = partial(search.least_lag, found, _EXPLAINED / (1 - _EXPLAINED))
-    if explained < _EXPLAINED or (none and not sure):
-        return ChannelCheck((), {}, False, *shown, none, "", scale, least_lag)
-    if not (faults or from_home):
-        return ChannelCheck((), {}, False, *shown, none, lag, scale, least_lag)
-    has_units = has_units or not section.units.keys().isdisjoint({"q", *LENGTH_CHANNELS})
-    keys = dict(changed_keys(section, found, zeros, has_units))
-    if from_home:
-        # Only a design that was executed shows where the readings begin.
-        sure = sure and not search.undecided
-        faults = ("q", _unstated_zeros(found.lengths, undecided=search.undecided)), *faults
-        keys = {"offset": "home"} | keys
-    return ChannelCheck(faults, keys, sure, *shown, lag=lag)
+    if not (accepted and (faults or from_home)):
+        check = ChannelCheck((), {}, False, *shown, none, lag if accepted else "", scale, least_lag)
+    else:
+        stated = "q" in has_units or not section.units.keys().isdisjoint({"q", *LENGTH_CHANNELS})
+        keys = dict(changed_keys(section, found, zeros, stated))
+        if from_home:
+            # Only a design that was executed shows where the readings begin.
+            sure = sure and not search.undecided
+            faults = ("q", _unstated_zeros(found.lengths, undecided=search.undecided)), *faults
+            keys = {"offset": "home"} | keys
+        check = ChannelCheck(faults, keys, sure, *shown, lag=lag)
+    if check.unexplained or "Q" in has_units:
+        return check
+    factor = model.nominal_scale(found if accepted else given)
+    return check.with_force_unit(section, force_unit(robot, section, *factor))
+
+
+def _lag_in_words(robot: Robot, section: DataSection, found: Candidate, *, ambiguous: bool) -> str:
+    if ambiguous:
+        return describe_lag(robot, found.delay, found.low_pass, section)
+    lag = found.channel_lag
+    return "" if lag is None else describe_channel_lag(lag, section)
 
 
 def _unstated_zeros(lengths: Wiring, *, undecided: bool) -> str:

@@ -10,8 +10,8 @@ import numpy as np
 from constraints.arrays import Array, Mask
 from estimation.channels.wiring import UNITS, Candidate, ChannelLag
 from estimation.diagnostics.finding import join_words
-from estimation.diagnostics.plausibility import advise_on_scale, is_far
-from expdesign.configuration.estimate import DataSection
+from estimation.diagnostics.plausibility import advise_on_scale, is_far, misread_unit
+from expdesign.configuration.estimate import FORCE_CHANNELS, DataSection
 from expdesign.configuration.tolerances import RobotTolerances
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import Robot
@@ -230,3 +230,12 @@ def describe_force_scale(robot: Robot, factor: float, alike: float) -> str:
         f"the forces are about {factor:.2g} times those of the robot file: "
         f"{advise_on_scale(factor, robot.description.drive.torque_per_force)}"
     )
+
+
+def force_unit(
+    robot: Robot, section: DataSection, factor: float, alike: float
+) -> tuple[str, str] | None:
+    """Return the unit of all forces by their factor, and a sentence on it; None: not certain."""
+    if alike < _ALIKE or not section.units.keys().isdisjoint(FORCE_CHANNELS):
+        return None
+    return misread_unit(factor, robot.description.drive.torque_per_force)

@@ -76,8 +76,8 @@ class Measurement:
     force_delay: float = 0.0
     """Lag of the channels behind the time stamps, s: a length recorded at t is that at
     t − length_delay."""
-    has_units: bool = False
-    """Whether the file has the units of the lengths."""
+    has_units: frozenset[str] = frozenset()
+    """Groups of channels, ``t``, ``q``, ``Q``, of which the file has units."""
     back_emf: tuple[float, ...] | None = None
     """(6,), N s/m: the forces are those of the motors' voltages at rest, which exceed the forces in
     motion by this damping; None: they are the forces themselves."""

@@ -205,7 +205,7 @@ def measurement_of(
         forces=np.column_stack([table.values[channel] for channel in FORCE_CHANNELS]),
         step=base.step,
         stamped=section.time == "stamped",
-        has_units=any(table.columns[q].unit for q in LENGTH_CHANNELS if q in table.columns),
+        has_units=frozenset(channel[0] for channel, column in table.columns.items() if column.unit),
         period=None if period is None else period.astype(np.int64),
         length_delay=float(np.mean(section.delay.lengths)),
         force_delay=float(np.mean(section.delay.forces)),

@@ -333,18 +333,8 @@ def advise_on_scale(factor: float, torque_per_force: float | None, *, far: bool 
             "`data.sign: {Q: -1}`, or a negative `data.force_constants`), or gravity and the z "
             "axis point the other way"
         )
-    turn = 0.0 if torque_per_force is None else float(np.log(torque_per_force))
-    if turn and abs(np.log(size) - turn) < _NEAR:
-        words.append("torques in N m were read as newtons (`data.units: {Q: N m}`)")
-    elif turn and abs(np.log(size) + turn) < _NEAR:
-        words.append("forces in newtons were read as torques (`data.units: {Q: N}`)")
     unit = _unit_of(size)
-    if unit is not None:
-        words.append(
-            f"the forces are in another unit, by the factor in {unit} (`data.units: {{Q: {unit}}}`)"
-            if unit != FORCE.unit
-            else "the forces are in newtons, and `data.units` says another unit"
-        )
+    words += (sentence for _, sentence in _misread_units(size, torque_per_force))
     if size <= 1 / _FAR:
         words.append(
             "currents were read as newtons (`data.units: {Q: A}` with `data.force_constants` "
@@ -362,6 +352,30 @@ def advise_on_scale(factor: float, torque_per_force: float | None, *, far: bool 
             "the force constants (`data.force_constants`) are too large by about that factor"
         )
     return "; or ".join(words)
+
+
+def misread_unit(factor: float, torque_per_force: float | None) -> tuple[str, str] | None:
+    """Return the unit of the forces, and a sentence on it, by a factor that no machine has.
+
+    None: no unit has the factor, several have it, or the forces of another machine could.
+    """
+    found = list(_misread_units(factor, torque_per_force)) if factor > 0 else []
+    return found[0] if len(found) == 1 and not 1 / _FAR < factor < _FAR else None
+
+
+def _misread_units(factor: float, torque_per_force: float | None) -> Iterator[tuple[str, str]]:
+    """Yield units whose values were read as others, by the factor of all forces, with sentences."""
+    turn = 0.0 if torque_per_force is None else float(np.log(torque_per_force))
+    if turn and abs(np.log(factor) - turn) < _NEAR:
+        yield "N m", "torques in N m were read as newtons (`data.units: {Q: N m}`)"
+    elif turn and abs(np.log(factor) + turn) < _NEAR:
+        yield "N", "forces in newtons were read as torques (`data.units: {Q: N}`)"
+    unit = _unit_of(factor)
+    if unit == FORCE.unit:
+        yield unit, "the forces are in newtons, and `data.units` says another unit"
+    elif unit is not None:
+        key = f"`data.units: {{Q: {unit}}}`"
+        yield unit, f"the forces are in another unit, by the factor in {unit} ({key})"
 
 
 def _unit_of(factor: float) -> str | None:

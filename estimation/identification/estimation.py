@@ -32,7 +32,7 @@ from estimation.estimators.prior_estimate import UnloadedMachine
 from estimation.estimators.result import PayloadEstimate, payload_estimate
 from estimation.identification.calibration import apply_calibration, estimated_machine
 from estimation.identification.harmonics import weigh_signs, with_raised_harmonics
-from estimation.identification.periods import UnsuitableDataError, leave_out_ramps
+from estimation.identification.periods import UnsuitableDataError, leave_out_ramps, with_clock
 from estimation.identification.recording import (
     PreparedRecording,
     check_recording,
@@ -92,8 +92,8 @@ def estimate_parameters(
             for parts, (measurement, plan) in zip(folded, pairs, strict=True)
         )
         if refuse_channels:
-            for check, measurement in zip(channels, data, strict=True):
-                check.refuse(configuration.run.data, measurement.source)
+            for check, pair in zip(channels, pairs, strict=True):
+                _refuse_channels(configuration, robot, check, *pair)
         recordings = tuple(
             prepare_recording(configuration, robot, *pair, folded=parts)
             for pair, parts in zip(
@@ -480,6 +480,22 @@ def _shared_rows(one: Measurement, other: Measurement, own: _Blocks, others: _Bl
     length = min(len(rows[0]) - max(later, 0), len(rows[1]) - max(-later, 0))
     aligned = (rows[i][max(by, 0) :][:length] for i, by in enumerate((later, -later)))
     return int(np.count_nonzero(np.all(np.equal(*aligned), axis=1)))
+
+
+def _refuse_channels(
+    configuration: RunConfiguration,
+    robot: Robot,
+    check: ChannelCheck,
+    data: Measurement,
+    design: FourierTrajectory | None,
+) -> None:
+    """Refuse a recording with another clock or other channels than the run states."""
+    mended, clock = with_clock(configuration, data, design)
+    if clock:
+        folded = fold_measurement(mended, data, design)
+        check = check_recording(mended, robot, folded, design, has_units=data.has_units)
+    section = configuration.run.data.in_run_file(configuration.file)
+    replace(check, clock=clock).refuse(section, data.source)
 
 
 def _refuse_selection(

@@ -20,6 +20,7 @@ from estimation.processing.period import (
     find_motion_onset,
     find_periodic_window,
     is_at_rest,
+    omega_error,
     omega_from_column,
     omega_from_data,
     refine_omega,
@@ -174,13 +175,46 @@ def period_warning(
     off = refine_omega(data, recording.omega, _LOOK) / recording.omega - 1
     if abs(off) * duration < recording.step:
         return ""
-    seen = (
-        f"the lengths repeat after {recording.period / (1 + off):.7g} s, the "
-        f"{recording.source.value}'s period is {recording.period:.7g} s"
-    )
+    seen = _repeats_in_words(recording.period, off, recording.source)
     if abs(off) > _FREQUENCY_REACH:
         raise _unsuitable(data, seen)
     return f"{seen} ({100 * off:+.3g} % in frequency): use `estimate.frequency: estimated`"
+
+
+def _repeats_in_words(period: float, off: float, source: PeriodSource) -> str:
+    """Return the period of the lengths and that of the source, whose frequency they exceed."""
+    return (
+        f"the lengths repeat after {period / (1 + off):.7g} s, the {source.value}'s period is "
+        f"{period:.7g} s"
+    )
+
+
+def with_clock(
+    configuration: RunConfiguration, data: Measurement, design: FourierTrajectory | None
+) -> tuple[RunConfiguration, str]:
+    """Return the run with the frequency that the lengths have, and a sentence on the difference.
+
+    The sentence is empty where the lengths do not contradict the frequency of the design or the
+    run, by more than a step within the recording, or where they contradict more than a clock.
+    """
+    try:
+        omega, source = choose_omega(configuration, data, design)
+    except UnsuitableDataError:
+        return configuration, ""
+    section = configuration.run.estimate
+    stated = source in (PeriodSource.DESIGN, PeriodSource.FREQUENCY)
+    if section.frequency == "estimated" or section.differentiation == "spline" or not stated:
+        return configuration, ""
+    refined = refine_omega(data, omega, _LOOK)
+    off, error = refined / omega - 1, omega_error(data, refined) / omega
+    least = max(_CLEARLY_OFF * error, data.step / float(np.ptp(data.time)))
+    if not least < abs(off) <= _FREQUENCY_REACH:
+        return configuration, ""
+    sentence = (
+        f"the clocks of the recording and of the {source.value} differ by {100 * abs(off):.3g} ± "
+        f"{100 * error:.1g} %: {_repeats_in_words(2 * np.pi / omega, off, source)}"
+    )
+    return configuration.with_section("estimate", frequency="estimated"), sentence
 
 
 def clock_error(

@@ -9,7 +9,7 @@ of an estimate, adds a share of the same relative size to the covariance; it is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -194,11 +194,11 @@ def check_recording(
     folded: tuple[PeriodicRecording, NoiseModel],
     design: FourierTrajectory | None,
     *,
-    has_units: bool = False,
+    has_units: Collection[str] = (),
 ) -> ChannelCheck:
     """Check the channels of a folded recording; without a period nothing is found.
 
-    `has_units` says whether the recording's file has the units of the lengths.
+    `has_units` are the groups of channels whose units the recording's file has.
     """
     if folded[0].source is PeriodSource.NONE:
         return ChannelCheck((), {}, sure=False, explained=0.0)

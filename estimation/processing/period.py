@@ -174,6 +174,23 @@ def refine_omega(data: Measurement, omega: float, spread: float | None = None) -
     return float(coarse)
 
 
+def omega_error(data: Measurement, omega: float) -> float:
+    """Return the standard deviation of a refined ω, rad/s, under white noise of the lengths.
+
+    It follows from the curvature of the squared residuals.
+    """
+    times = data.time - data.time[0]
+    per_period = 2 * np.pi / (omega * data.step)
+    harmonics = int(max(1, min(_SEARCH_HARMONICS, per_period // 4, len(times) // 8)))
+    width = omega / (40 * harmonics * max(len(times) / per_period, 1.0))
+    left, here, right = (
+        _misfit(data, times, omega + shift, harmonics) for shift in (-width, 0.0, width)
+    )
+    curvature = (left - 2 * here + right) / width**2
+    rows = ACTUATORS * (len(times) - 2 * harmonics - 1)
+    return float(np.sqrt(2 * (1 + here) / (rows * curvature))) if curvature > 0 else np.inf
+
+
 def _misfit(data: Measurement, times: Array, omega: float, harmonics: int) -> float:
     """Return minus the share of the lengths' variance that a Fourier series explains."""
     centred = data.lengths - data.lengths.mean(axis=0)

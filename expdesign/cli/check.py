@@ -136,9 +136,10 @@ def show_channels(run: str, data: Path, design: Path | None, *, as_json: bool) -
     from expdesign.stages.estimate import check_channels_of  # only for a recording that can be read
 
     found, remarks, failure = check_channels_of(work, recording)
-    section = found.corrected(configuration.run.data)
-    if configuration.run.data.files is None:
-        section = {"file": "", **section} | {"file": str(data)}
+    section = configuration.run.data
+    if section.files is None:
+        section = section.model_copy(update={"file": str(data)})
+    sections = found.sections(section.in_run_file(configuration.file))
     sure = "certain" if found.sure else "not certain: other channels explain it nearly as well"
     given = f"{100 * (found.as_given or 0.0):.3g} % of the variation of the forces"
     doubt = (
@@ -152,12 +153,16 @@ def show_channels(run: str, data: Path, design: Path | None, *, as_json: bool) -
         faults = [{"place": place, "sentence": sentence} for place, sentence in found.faults]
         keys = ("sure", "lag", "force_scale", "explained", "as_given", "noise")
         channels = {"faults": faults, **{key: getattr(found, key) for key in keys}}
-        result = {"data": section, "channels": channels, "warnings": remarks + doubts}
+        clock = [found.clock] if found.clock else []
+        result = {**sections, "channels": channels, "warnings": [*clock, *remarks, *doubts]}
         if failure:
             raise StageFailed(failure, result)
         write_json({"status": 0, **result})
         return
-    typer.echo("".join(yaml_lines("data", section, 0)), nl=False)
+    for key, each in sections.items():
+        typer.echo("".join(yaml_lines(key, each, 0)), nl=False)
+    if found.clock:
+        warn(f"{found.clock} (certain)")
     for remark in remarks:
         note(remark)
     for warning in [*(f"{sentence} ({sure})" for _, sentence in found.faults), *doubts]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -18,6 +17,7 @@ from expdesign.cli.output import messages, note, say, write_json
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.document import Located, document_from_mapping
 from expdesign.configuration.errors import Problem
+from expdesign.configuration.estimate import name_in_run_file
 from expdesign.configuration.run import yaml_lines
 from expdesign.configuration.schema import validate
 from expdesign.machines.importing import MachineDescription, machine_from_answers, read_machine
@@ -219,16 +219,16 @@ def write_data_section(
         refuse_unwritable(out.absolute().parent)
         if out.exists():
             raise InputError("the file exists", out, key="--out", allowed="a new file")
-    robot, folder = None, Path.cwd()
+    robot, place = None, None
     if run is not None:
         configuration = load_run(run)
         robot = configuration.robot
-        folder = folder if configuration.file is None else configuration.file.absolute().parent
+        place = configuration.file
     guess = guess_files(file, forces, robot)
-    place = os.path.relpath(file.absolute(), folder)
-    section = {"file": place, **guess.section}
+    section = {"file": name_in_run_file(place, file), **guess.section}
     if forces is not None:
-        pair = {"lengths": place, "forces": os.path.relpath(forces.absolute(), folder)}
+        names = (name_in_run_file(place, one) for one in (file, forces))
+        pair = dict(zip(("lengths", "forces"), names, strict=True))
         section = {"files": pair, **guess.section}
     if as_json:
         found = {"data": section, "facts": guess.facts, "questions": guess.questions}

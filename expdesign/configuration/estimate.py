@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
@@ -125,6 +127,12 @@ class DataFiles(schema.Section):
     forces: schema.FilledText
 
 
+def name_in_run_file(run: Path | None, file: str | Path) -> str:
+    """Return the path of a file relative to a run file; without one, to the current folder."""
+    folder = Path.cwd() if run is None else run.absolute().parent
+    return os.path.relpath(Path(file).absolute(), folder)
+
+
 class DataSection(schema.Section):
     """Location and format of a recording."""
 
@@ -173,6 +181,15 @@ class DataSection(schema.Section):
     def recording(self) -> str | None:
         """File of the recording, or of its lengths."""
         return self.file if self.files is None else self.files.lengths
+
+    def in_run_file(self, run: Path | None) -> DataSection:
+        """Return the section with the names that its files have in a run file."""
+        files = self.files
+        if files is not None:
+            both = (name_in_run_file(run, file) for file in (files.lengths, files.forces))
+            files = DataFiles(**dict(zip(("lengths", "forces"), both, strict=True)))
+        file = self.file and name_in_run_file(run, self.file)
+        return self.model_copy(update={"file": file, "files": files})
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -17,7 +17,12 @@ from estimation.diagnostics.noise_result import NoiseResult
 from estimation.feedforward.comparison import compare_feedforward
 from estimation.feedforward.result import FeedforwardResult
 from estimation.identification.estimate import IdentifiedModel, identified_model
-from estimation.identification.periods import fold_noise_recording, leave_out_ramps, window_keys
+from estimation.identification.periods import (
+    fold_noise_recording,
+    leave_out_ramps,
+    window_keys,
+    with_clock,
+)
 from estimation.identification.recording import (
     check_recording,
     fold_measurement,
@@ -126,8 +131,10 @@ def check_channels_of(work: Workspace, data: Measurement) -> tuple[ChannelCheck,
     configuration = add_motors(configuration, [data])
     robot = robot_from(configuration.robot)
     recorded, data = data, leave_out_ramps(configuration, data, design)
+    configuration, clock = with_clock(configuration, data, design)
     folded = fold_measurement(configuration, data, design)
     found = check_recording(configuration, robot, folded, design, has_units=data.has_units)
+    found = replace(found, clock=clock)
     recording = folded[0]
     if data is not recorded:
         found = replace(found, keys=window_keys(data) | found.keys)

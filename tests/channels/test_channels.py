@@ -11,10 +11,12 @@ from estimation.data.sensors import SensorResponse
 from estimation.diagnostics.finding import Status
 from estimation.identification import estimate, estimate_parameters
 from estimation.identification.recording import fold_measurement
+from expdesign.configuration.parameters import Drive, Screw
 from tests.estimation.cases import ROBOT, measured, run, trajectory
 
 MOTION = trajectory()
 QUIET = 0.05
+LEAD = 0.03
 SECOND = [1, -1, 1, 1, 1, 1]
 CHANNELS = "the channels are those of the struts, with their signs and zeros"
 
@@ -179,6 +181,24 @@ def test_a_unit_of_all_forces_is_named_by_the_factor(factor, words):
     assert not found.faults
     assert words in found.force_scale
     assert bool(words) == bool(found.force_scale)
+
+
+@pytest.mark.parametrize("sign", [[1] * 6, SECOND])
+@pytest.mark.parametrize(("factor", "unit"), [(1e-3, "kN"), (1e3, "mN"), (LEAD / 2 / np.pi, "N m")])
+def test_a_unit_that_no_other_forces_have_is_a_fault_with_its_section(factor, unit, sign):
+    drive = Drive(screw=Screw(lead=LEAD))
+    description = ROBOT.description
+    robot = replace(ROBOT, description=replace(description, drive=drive))
+    data = counted_otherwise(recording(1, 0.2), sign=factor * np.array(sign))
+    case = run()
+    folded = fold_measurement(case, data, MOTION)
+    found = check_channels(robot, case.run.data, *folded, 2, MOTION)
+    signs = {"sign": {"Q": SECOND}} if sign is SECOND else {}
+    assert found.sure
+    assert found.keys == {**signs, "units": {"Q": unit}}
+    assert f"`data.units: {{Q: {unit}}}`" in found.faults[-1][1]
+    stated = check_channels(robot, case.run.data, *folded, 2, MOTION, has_units=("Q",))
+    assert stated.keys == signs, "the recording's file has another unit"
 
 
 @pytest.mark.parametrize("sign", [[1] * 6, SECOND])

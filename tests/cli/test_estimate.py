@@ -312,7 +312,7 @@ def test_wrong_channels_are_refused_with_the_section_that_is_right(command, fold
     given = ("--data", folder / "wrong.csv", "--design", folder, "--json")
     checked = json.loads(command("check", folder / "run.yaml", *given).output)
     assert checked["channels"]["sure"]
-    assert checked["data"] == {"file": str(folder / "wrong.csv"), "units": {"q": "mm"}, **keys}
+    assert checked["data"] == {"file": "wrong.csv", "units": {"q": "mm"}, **keys}
     (folder / "run.yaml").write_text("name: lab\nrobot: palida\ndata: {units: {q: mm}}\n")
     given = (folder / "run.yaml", *given, "--out", folder / "out")
     refused = command("estimate", *given)
@@ -368,6 +368,27 @@ def test_a_delay_is_found_from_the_size_on_that_a_sound_recording_states(command
         assert bool(channels["lag"] or channels["faults"]) == found, (share, least, channels)
 
 
+def test_another_clock_belongs_into_the_section_and_stops_an_estimate(command, folder):
+    """Before anything on the channels, which the folded periods of another length do not show."""
+    write(folder / "late.csv", change=lambda table: table.assign(t=1.01 * table["t"]))
+    stated = "name: lab\nrobot: palida\ndata: {file: late.csv}\n"
+    (folder / "run.yaml").write_text(stated)
+    given = (folder / "run.yaml", "--design", folder)
+    run = ("--data", folder / "late.csv")
+    said = command("check", *given, *run)
+    assert said.output == "data:\n  file: late.csv\nestimate:\n  frequency: estimated\n"
+    first = said.error.splitlines()[0]
+    assert re.search(r"clocks of the recording and of the design differ by 0\.99\d* ± 0\.0", first)
+    refused = command("estimate", *given, "--json", "--out", folder / "out")
+    assert refused.status == 2
+    right = json.loads(refused.output)
+    assert (right["data"], right["estimate"]) == ({"file": "late.csv"}, {"frequency": "estimated"})
+    (folder / "run.yaml").write_text(f"{stated}estimate: {{frequency: estimated}}\n")
+    checked = command("check", *given, *run)
+    assert "clocks" not in checked.error
+    assert checked.output == "data:\n  file: late.csv\n"
+
+
 def test_another_unit_than_that_of_the_file_is_a_scale(command, folder):
     def change(table):
         return table.assign(**(1e3 * table[LENGTHS])).rename(
@@ -377,7 +398,7 @@ def test_another_unit_than_that_of_the_file_is_a_scale(command, folder):
     write(folder / "wrong.csv", change=change)
     given = (folder / "run.yaml", "--data", folder / "wrong.csv", "--design", folder, "--json")
     data = json.loads(command("check", *given).output)["data"]
-    assert data == {"file": str(folder / "wrong.csv"), "scale": {"q": 0.001}}
+    assert data == {"file": "wrong.csv", "scale": {"q": 0.001}}
     text = json.dumps({"name": "lab", "robot": "palida", "data": data})
     (folder / "run.yaml").write_text(text)
     assert json.loads(command("check", *given).output)["channels"]["faults"] == []
