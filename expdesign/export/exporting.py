@@ -122,14 +122,16 @@ def _remedy_of_counts(check: ReadBack, settings: Settings) -> str:
         if len(check.failures) == 1 and not off <= settings.tolerance:
             ways.append(f"a tolerance of {np.ceil(1e6 * off):g} µm or more")
         return f"straight lines between rows {1e3 * step:g} ms apart: {', or '.join(ways)} may help"
-    excesses = [one.violation / LIMIT_SHARE for one in check.limits]
+    limits = max((one.violation / LIMIT_SHARE for one in check.limits), default=0.0)
+    lost = 0.0
     if (change := check.information) is not None:
-        excesses.append(abs(change.log_det_change) / LOG_DET_CHANGE)
-        excesses.append(abs(change.std_change) / STD_SHARE)
+        lost = max(abs(change.log_det_change) / LOG_DET_CHANGE, abs(change.std_change) / STD_SHARE)
+    # A slower motion has room within the limits, but its accelerations are smaller.
+    slower = "" if lost > 1 else ", or a scale below 1"
     return (
         "rounding to whole counts weighs most at short steps: finer counts "
-        f"({np.ceil(max(excesses)):g} times as many), a longer segment with a larger tolerance "
-        f"({2e3 * step:g} ms leave about {4e6 * off:.2g} µm), or a scale below 1 may help"
+        f"({np.ceil(max(limits, lost)):g} times as many), or a longer segment with a larger "
+        f"tolerance ({2e3 * step:g} ms leave about {4e6 * off:.2g} µm){slower} may help"
     )
 
 
