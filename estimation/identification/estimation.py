@@ -356,8 +356,10 @@ def _wider(
         *(["`ml` to `estimate.estimators`"] if "ml" not in section.estimators else []),
         *(["`systematic: auto` to `estimate`"] if section.systematic == "budget" else []),
     ]
+    most = int(np.argmax(ratios))
     return [
-        f"σ would be {gain:.2g} times smaller in the median if maximum likelihood estimated the "
+        f"σ would be {gain:.2g} times smaller in the median, {ratios[most]:.2g} times for "
+        f"{np.array(priors.names)[priors.free][most]}, if maximum likelihood estimated the "
         "deviations within the tolerances with the parameters (predicted from these data). What to "
         f"do: add {' and '.join(how)}"
     ]

@@ -280,6 +280,8 @@ def test_estimated_deviations_are_advised_by_what_they_gain(chosen, given, what)
     assert none == []
     gain = float(re.search(r"([\d.]+) times smaller in the median", advice)[1])
     assert gain == pytest.approx(np.median(wider / std), rel=0.1)
+    most = float(re.search(r"([\d.]+) times for \w+,", advice)[1])
+    assert most == pytest.approx(np.max(wider / std), rel=0.1)
     assert advice.endswith(f"What to do: add {what}")
     # A factor of all forces shows in no data.
     assert estimated({"force_constant": {"common": "2 %"}}, **given)[1] == []
