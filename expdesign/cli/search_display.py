@@ -167,7 +167,7 @@ class SearchDisplay:
     def _head(self) -> str:
         """Counts of what has ended, with the time that has passed and the time that is left."""
         hops = f" and {self._hops_ended} of {self._hops} hops" if self._hops else ""
-        finished = f", {self._finished} refined" if self._finished else ""
+        finished = f", {self._finished} finished" if self._finished else ""
         left = self._left()
         return (
             f"design, {duration(round(self._activity.passed))}: {self._starts_ended} of "

@@ -93,7 +93,7 @@ def test_a_search_is_described_in_the_words_of_a_user(display, every_line):
     assert "start 1 of 3: mass ± 4 %, within the limits" in first
     assert done.endswith("best: mass ± 4 %")
     assert last.endswith("best: mass ± 2 %")
-    assert "1 refined" in last
+    assert "1 finished" in last
     texts = said(display) + console.file.getvalue()
     assert "limits" in console.file.getvalue()
     for word in ("90.5", "1234", "1300", "1250", "condition", "log det", "smoothed", "objective"):
@@ -160,7 +160,7 @@ def test_hops_are_counted_as_hops(every_line):
     for number in (1, 2, 3, 4, 5):
         display.report(dataclasses.replace(event("done", 1300.0), start=number))
     display.report(dataclasses.replace(event("finished", 1200.0, violation=0.0), start=5))
-    assert "3 of 5 hops done, 1 refined" in said(display).splitlines()[-1]
+    assert "3 of 5 hops done, 1 finished" in said(display).splitlines()[-1]
     console.print(display._picture())
     assert "2 of 2 starts and 3 of 5 hops" in said(display)
 
