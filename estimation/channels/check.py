@@ -106,6 +106,11 @@ class ChannelCheck:
     clock: str = ""
     """Sentence on the clock of the recording, if it is another than that of the motion."""
 
+    @property
+    def rest(self) -> float:
+        """Share of the variation of the forces that the section's channels leave beyond noise."""
+        return max(1 - (self.as_given or 0.0) - self.noise, 0.0)
+
     def corrected(self, section: DataSection) -> dict[str, Any]:
         """Return the keys of the section that is right, without defaults, as in a run file."""
         return shortened(section.model_dump(exclude_defaults=True) | self.keys)

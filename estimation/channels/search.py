@@ -120,7 +120,8 @@ class ChannelSearch:
     def _choose_zeros(self, best: Candidate, tried: Sequence[Candidate]) -> Candidate:
         """Choose between given zeros and other ones of all lengths, by the executed design.
 
-        The machine may also stand elsewhere than planned: the forces must be clear.
+        The machine may also stand elsewhere than planned: the forces must be clear. Each is
+        compared behind its own lag: left in both, one hides what the zeros explain.
         """
         most = 0 if self.assumed else MOST_SHIFTED
         moved = [one for one in tried if np.count_nonzero(one.lengths.offsets) > most]
@@ -129,12 +130,12 @@ class ChannelSearch:
         shifted = min(moved, key=lambda each: each.excess)
         given = [each for each in tried if not np.any(each.lengths.offsets)]
         plain = min(given, key=lambda each: each.excess)
-        left = self.model.left(shifted.excess)
-        least = max(self.model.least_decrease, (MUCH_BETTER - 1) * left)
-        gain = plain.excess - shifted.excess
+        late, other = (self._lags(each).best(each).excess for each in (shifted, plain))
+        least = max(self.model.least_decrease, (MUCH_BETTER - 1) * self.model.left(late))
+        gain = other - late
         self.undecided = abs(gain) <= least
         if gain > (-least if self.assumed else least):
-            return replace(shifted, next_best=min(shifted.next_best, plain.excess))
+            return replace(shifted, next_best=min(shifted.next_best, other))
         return plain
 
     def _lags(self, present: Candidate) -> LagSearch:

@@ -172,11 +172,23 @@ def show_channels(run: str, data: Path, design: Path | None, *, as_json: bool) -
     if not (found.faults or doubts or found.as_given is None):
         lag = 1e3 * found.least_lag()
         least = f"a delay of less than {lag:.2g} ms, or a mean over less than {2 * lag:.2g} ms,"
+        noise, rest = found.noise, found.rest
+        explain = f"explain {given}, and noise is {100 * noise:.3g} %"
+        if rest > _FAR * noise:
+            said = (
+                f"no other channels explain the forces better than those of the section, which "
+                f"{explain}: {100 * rest:.3g} % stay unexplained, {rest / noise:.2g} times the "
+                "noise. Tolerances of the geometry may leave that, and so may parts that have no "
+                "model, or zeros of several lengths, which only an executed design (--design) shows"
+            )
+        else:
+            said = (
+                f"the channels are those of the struts: they {explain}; no other ones explain the "
+                "forces better"
+            )
         note(
-            f"the channels are those of the struts: they explain {given}, and noise is "
-            f"{100 * found.noise:.3g} %; no other ones explain the forces better. With what stays "
-            f"unexplained, {least if np.isfinite(lag) else 'a delay'} may not be found: "
-            "`tolerances.delay` lets the estimate find smaller ones"
+            f"{said}. With what stays unexplained, {least if np.isfinite(lag) else 'a delay'} may "
+            "not be found: `tolerances.delay` lets the estimate find smaller ones"
         )
 
 
@@ -235,6 +247,8 @@ def _parameters_in_words(configuration: RunConfiguration) -> str:
     )
 
 
+_FAR = 4.0
+"""Ratio of the unexplained share of the forces to the noise that is no chance."""
 _WIDEST = 100
 """Characters of a line that is still easy to read."""
 

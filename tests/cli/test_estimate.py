@@ -346,6 +346,56 @@ def test_forces_that_no_channels_explain(command, folder):
         assert ("a delay of less than" in said) != unexplained
 
 
+ZEROS = 1e-3 * np.array([49.7, 20.2, 57.6, 33.5, 21.1, 44.6])
+
+
+def from_zeros(table, shift=ZEROS):
+    """Return lengths of a logger whose zeros are elsewhere than home."""
+    robot = load_robot("palida")
+    zeros = robot.inverse_kinematics(robot.home) + shift
+    return table.assign(**{q: table[q] - zero for q, zero in zip(LENGTHS, zeros, strict=True)})
+
+
+def precise(table):
+    """Return the same motion with hardly any noise of the forces."""
+    rng = np.random.default_rng(5)
+    forces = load_robot("palida").actuator_forces(*MOTION.sample(table["t"].to_numpy()))
+    forces += 0.3 * rng.standard_normal(forces.shape)
+    return table.assign(**dict(zip(FORCES, forces.T, strict=True)))
+
+
+def test_zeros_of_all_lengths_are_found_behind_a_lag(command, folder):
+    """The lag hides what the zeros explain, and the zeros stated are a guess: home."""
+
+    def late(table):
+        table = precise(table)
+        table[FORCES] = np.roll(table[FORCES].to_numpy(), 2, axis=0)
+        return from_zeros(table)
+
+    robot = load_robot("palida")
+    write(folder / "wrong.csv", change=late)
+    (folder / "run.yaml").write_text("name: lab\nrobot: palida\ndata: {offset: home}\n")
+    given = ("check", folder / "run.yaml", "--data", folder / "wrong.csv", "--design", folder)
+    found = json.loads(command(*given, "--json").output)
+    assert found["channels"]["sure"]
+    delay = float(found["data"]["delay"]["forces"].removesuffix(" ms"))
+    assert delay == pytest.approx(2e3 * STEP, rel=0.05)
+    zeros = [float(one.removesuffix(" mm")) for one in found["data"]["offset"]["q"]]
+    right = 1e3 * (robot.inverse_kinematics(robot.home) + ZEROS)
+    assert np.allclose(zeros, right, atol=1.0), zeros - right
+
+
+def test_forces_that_are_unexplained_far_above_the_noise_do_not_prove_the_channels(command, folder):
+    """Zeros of all lengths are wrong, and without the design no single one explains it."""
+
+    (folder / "run.yaml").write_text("name: lab\nrobot: palida\ndata: {offset: home}\n")
+    for zeros, wrong in ((0.0 * ZEROS, False), (ZEROS, True)):
+        write(folder / "wrong.csv", change=lambda table: from_zeros(precise(table), zeros))  # noqa: B023
+        said = command("check", folder / "run.yaml", "--data", folder / "wrong.csv").error
+        assert ("the channels are those of the struts" in said) != wrong, said
+        assert ("times the noise" in said) == wrong, said
+
+
 @pytest.mark.parametrize("noise", [1.0, 4.0])
 def test_a_delay_is_found_from_the_size_on_that_a_sound_recording_states(command, folder, noise):
     def given(name, late):
