@@ -166,7 +166,7 @@ class ChannelCheck:
             replace(
                 found,
                 contradiction=f"{_ASSIGNED.contradiction} ({', '.join(places)})",
-                advice=f"{advice}, or correct the cables or the home offset, then estimate again",
+                advice=f"{advice}, or correct the cables or the home offset",
             ),
         )
 

@@ -7,7 +7,7 @@ forces of the actuators at rest in the home pose. A quantity whose terms a robot
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -90,6 +90,20 @@ def derived_quantities(robot: Robot, parameters: Array | None = None) -> Derived
         np.array([value for _, value, _ in rows]),
         np.array([row for *_, row in rows]).reshape(len(rows), len(names)),
     )
+
+
+def parameters_of(quantities: Collection[str]) -> frozenset[str]:
+    """Return the parameters that derived quantities show by their names.
+
+    >>> sorted(parameters_of({"mass", "motor_inertia"}))
+    ['m_drive', 'p10']
+    """
+    found = {MASS} if "mass" in quantities else set()
+    if any(belongs_to(one, "inertia") for one in quantities):
+        found.update(OF_A_BODY.values())
+    if "motor_inertia" in quantities:
+        found.add(DRIVE_MASS)
+    return frozenset(found)
 
 
 def belongs_to(quantity: str, name: str) -> bool:

@@ -64,10 +64,12 @@ def print_view(view: StageView, console: Console, place: str = "") -> None:
 
 def print_table(console: Console, table: ReportTable) -> None:
     """Print a table with its caption, a long one in several blocks of rows if there is room."""
-    _print_text(console, Text(f"{table.caption}:", style="italic"))
+    rest = f" ({len(table.left_out)} more in the report)" if table.left_out else ""
+    _print_text(console, Text(f"{table.caption}{rest}:", style="italic"))
     shown = [c.screen and (console.width >= _WIDE or not c.wide) for c in table.columns]
     columns = [c for c, own in zip(table.columns, shown, strict=True) if own and c.kind != "error"]
-    rows = [_cells(table, row, shown) for row in table.rows]
+    listed = (row for k, row in enumerate(table.rows) if k not in table.left_out)
+    rows = [_cells(table, row, shown) for row in listed]
     widths = [
         _longest([column.heading, *(cells[k] for cells in rows)])
         for k, column in enumerate(columns)

@@ -114,7 +114,7 @@ def undetected_blocks(
 
 def _uncertain_parameters(rows: Sequence[ParameterRow]) -> str:
     """Name the parameters of which undetected effects may change half of the a-priori value."""
-    known = [row for row in rows if row.a_priori]
+    known = [row for row in rows if abs(row.a_priori) > _ROUNDING * row.std_undetected]
     shares = np.array([row.std_undetected / abs(row.a_priori) for row in known])
     order = [k for k in np.argsort(-shares) if shares[k] >= IDENTIFIABLE]
     named = [
@@ -129,7 +129,9 @@ def _uncertain_parameters(rows: Sequence[ParameterRow]) -> str:
 
 
 _MOST_NAMED = 3
-"""Largest number of parameters that a sentence names."""
+"""Largest number of parameters, or of limits, that a sentence names."""
+_ROUNDING = 1e-9
+"""Largest a-priori value, relative to an error of the parameter, that is zero."""
 
 
 def motor_columns(
@@ -331,7 +333,13 @@ def consistency_blocks(result: EstimationResult) -> list[Block]:
         return []
     level = Level.CAUTION if found.significant else Level.NEUTRAL
     text = f"{found.text[0].upper()}{found.text[1:]}."
-    blocks: list[Block] = [TextBlock(text, level, screen=found.significant)]
+    first = ", ".join(found.active[:_MOST_NAMED])
+    more = len(found.active) - _MOST_NAMED
+    short = text.replace(", ".join(found.active), f"{first} and {more} more") if more > 0 else ""
+    # The cause of a doubt decides on everything else.
+    accepted = result.diagnostics is None or (result.diagnostics.verdict.status is Status.ACCEPTED)
+    screen = found.significant and accepted
+    blocks: list[Block] = [TextBlock(text, level, screen=screen, short=short)]
     if found.distance == 0:
         return blocks
     rows = result.consistent[result.best]

@@ -18,6 +18,7 @@ from estimation.uncertainty.forces import (
     worst_force,
 )
 from estimation.uncertainty.intervals import Differences
+from expdesign.robot.derived import parameters_of
 from results.figures.noise import NOISE_FIGURES
 from results.figures.parameters import ESTIMATE_FIGURES
 from results.figures.residuals import DIAGNOSTIC_FIGURES
@@ -171,10 +172,15 @@ def _parameter_blocks(
     """Return the parameters and derived quantities with their uncertainty."""
     blocks: list[Block] = payload_blocks(result, payload)
     name = result.best.upper()
-    blocks += derived_blocks(
-        "estimate_derived", result.best_estimator.derived, f"of the {name} estimate"
-    )
-    blocks += [estimates_table(result, truth), *symbols_blocks(result.parameters, screen=True)]
+    derived, names = result.best_estimator.derived, result.parameters
+    brief = len(names) > _MOST_LISTED
+    blocks += derived_blocks("estimate_derived", derived, f"of the {name} estimate", brief=brief)
+    seen = parameters_of({row.quantity for row in derived}) if brief else ()
+    rows = frozenset(k for k, own in enumerate(names) if own in seen)
+    blocks += [
+        replace(estimates_table(result, truth), left_out=rows),
+        *symbols_blocks(names, screen=True, left_out=seen),
+    ]
     if len(result.estimators) > 1:
         blocks.append(_estimators_table(result))
     blocks += constants_blocks(result)
@@ -188,9 +194,13 @@ def _parameter_blocks(
         blocks.append(TextBlock(text, screen=True))
     together = result.best_estimator.base_parameters
     free = {*result.parameters} - {*result.fixed}
-    blocks += combination_blocks("estimate_combinations", together, free)
+    blocks += combination_blocks("estimate_combinations", together, free, most=0 if brief else 4)
     blocks += consistency_blocks(result)
     return blocks
+
+
+_MOST_LISTED = 24
+"""Largest number of parameters of which a screen lists those that derived quantities show, too."""
 
 
 def _noise_table(result: EstimateFile, torque_per_force: float | None) -> ReportTable:

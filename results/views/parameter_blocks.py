@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,15 +12,17 @@ import numpy as np
 from expdesign.information.identifiable import KnownCombination
 from expdesign.mechanism.terms import term_definitions
 from expdesign.robot.derived import ALONE, GRAVITY_FORCE, KnownQuantity
-from results.notation import DisplayUnit, concise, handy_unit
+from results.notation import DisplayUnit, concise, count_text, handy_unit
 from results.views.view import Block, ReportTable, TableColumn, TextBlock
 
 
-def symbols_blocks(names: Iterable[str], *, screen: bool) -> tuple[TextBlock, ...]:
+def symbols_blocks(
+    names: Iterable[str], *, screen: bool, left_out: Collection[str] = ()
+) -> tuple[TextBlock, ...]:
     """Return the meaning of every parameter among the names; nothing without any.
 
-    On a screen it is short: without details, and with names whose meanings differ in words of
-    the same place together.
+    On a screen it is short: without details and the names `left_out`, and with names whose
+    meanings differ in words of the same place together.
 
     >>> names = ["p10", "r1", "r2", "r3", "v1", "v2", "v3", "mass"]
     >>> (block,) = symbols_blocks(names, screen=True)
@@ -36,7 +38,8 @@ def symbols_blocks(names: Iterable[str], *, screen: bool) -> tuple[TextBlock, ..
         if name in known:
             words = known[name].in_words
             full.setdefault(words, []).append(name)
-            short.setdefault(_DETAIL.split(words)[0], []).append(name)
+            if name not in left_out:
+                short.setdefault(_DETAIL.split(words)[0], []).append(name)
     if not full:
         return ()
     listed = [f"{_ends(group)}: {words}" for words, group in full.items()]
@@ -81,7 +84,7 @@ def _ends(names: Sequence[str]) -> str:
 
 
 def combination_blocks(
-    key: str, found: Sequence[KnownCombination], asked: Iterable[str]
+    key: str, found: Sequence[KnownCombination], asked: Iterable[str], *, most: int = 4
 ) -> tuple[Block, ...]:
     """Return the combinations of several parameters; nothing for a result that has none.
 
@@ -92,6 +95,8 @@ def combination_blocks(
     found : sequence of KnownCombination
     asked : iterable of str
         The parameters that a design judges, or that were estimated.
+    most : int
+        Largest number of combinations that the terminal lists.
     """
     together = [row for row in found if row.together]
     if not together:
@@ -109,11 +114,11 @@ def combination_blocks(
         TableColumn("regrouped into it", kind="text", of="regrouped"),
     )
     shown = [
-        f"{row.combination} = {concise(row.value, row.std)} {row.unit}"
-        for row in together[:_MOST_ON_SCREEN]
+        f"{row.combination} = {concise(row.value, row.std)} {row.unit}" for row in together[:most]
     ]
-    if len(together) > _MOST_ON_SCREEN:
-        shown.append(f"{len(together) - _MOST_ON_SCREEN} more in the report")
+    if len(together) > most:
+        more = f"{len(together) - most} more" if most else count_text(len(together), "combination")
+        shown.append(f"{more} in the report")
     caption = (
         "Combinations that are known better than their first parameter alone, each in its unit"
     )
@@ -123,14 +128,13 @@ def combination_blocks(
     )
 
 
-_MOST_ON_SCREEN = 4
-"""Largest number of combinations that the terminal lists."""
-
-
-def derived_blocks(key: str, found: Sequence[KnownQuantity], whose: str) -> list[Block]:
+def derived_blocks(
+    key: str, found: Sequence[KnownQuantity], whose: str, *, brief: bool = False
+) -> list[Block]:
     """Return the table of derived quantities; nothing without any.
 
-    `key` is its name in the page; `whose` completes the caption: ``"of the ML estimate"``.
+    `key` is its name in the page; `whose` completes the caption: ``"of the ML estimate"``. A brief
+    screen leaves out products of inertia, and forces at rest that are not equal.
     """
     if not found:
         return []
@@ -167,9 +171,16 @@ def derived_blocks(key: str, found: Sequence[KnownQuantity], whose: str) -> list
     separated = ": only the sum is identifiable without bodies.slider of the robot file"
     if alone:
         separated = ", alone: less the sliders and payload of the robot file, as exact"
-    caption = f"Quantities {whose} (platform with sliders{separated}; forces at rest at home)"
+    at_rest = "" if brief else "; forces at rest at home"
+    caption = f"Quantities {whose} (platform with sliders{separated}{at_rest})"
     rows = [one for one in _merge_equal(found) if one.quantity not in alone]
-    return [ReportTable.of(key, caption, columns, rows, screen=True, latex=True)]
+    table = ReportTable.of(key, caption, columns, rows, screen=True, latex=True)
+    rest = (k for k, row in enumerate(rows) if _MINOR.fullmatch(row.quantity))
+    return [replace(table, left_out=frozenset(rest if brief else ()))]
+
+
+_MINOR = re.compile(rf"{GRAVITY_FORCE}\d|inertia_(xy|xz|yz)")
+"""Quantities that a brief screen leaves out."""
 
 
 def _merge_equal(found: Sequence[KnownQuantity]) -> Iterator[KnownQuantity]:

@@ -166,6 +166,8 @@ class ReportTable:
     folded: bool = False
     screen: bool = False
     latex: bool = False
+    left_out: frozenset[int] = frozenset()
+    """Rows that a terminal counts and does not list."""
 
     @classmethod
     def of(

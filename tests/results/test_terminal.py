@@ -1,12 +1,17 @@
 """A view on the terminal: the answer first, then the advice, the numbers and the main tables."""
 
 import io
+from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 
+from expdesign.robot.derived import KnownQuantity, parameters_of
 from results.notation import concise
 from results.render.terminal import print_table, print_view
+from results.views.blocks import undetected_blocks
+from results.views.parameter_blocks import derived_blocks, symbols_blocks
 from results.views.view import (
     Fact,
     FindingsBlock,
@@ -51,6 +56,57 @@ def test_the_answer_comes_first():
     assert "16.307(42)" in text
     assert "for the screen" in text
     assert "page" not in text
+
+
+def test_rows_that_are_left_out_are_counted():
+    columns = (TableColumn("part", kind="text", of=["a", "b", "c"]), TableColumn("n", of=[1, 2, 3]))
+    table = replace(
+        ReportTable.of("parts", "Parts", columns, screen=True), left_out=frozenset({0, 2})
+    )
+    lines = printed(StageView(StageVerdict("A", Level.GOOD, "done", "."), (table,), ()))
+    assert lines[1] == "Parts (2 more in the report):"
+    assert [line.split() for line in lines[4:]] == [["b", "2"]]
+
+
+def quantity(name, value=2.0, std=0.5):
+    return KnownQuantity(
+        quantity=name,
+        unit="kg m^2",
+        value=value,
+        std=std,
+        std_random=std,
+        std_systematic=0.0,
+        rel_std_percent=25.0,
+        source="noise",
+    )
+
+
+def test_a_brief_screen_lists_what_decides():
+    names = ["mass", "centre_z", "inertia_xx", "inertia_xy", "motor_inertia", "gravity_force_1"]
+    rows = [quantity(name) for name in names]
+    shown = {}
+    for brief in (False, True):
+        (table,) = derived_blocks("derived", rows, "of the estimate", brief=brief)
+        shown[brief] = [row[0] for k, row in enumerate(table.rows) if k not in table.left_out]
+    assert shown == {False: names, True: ["mass", "centre_z", "inertia_xx", "motor_inertia"]}
+    seen = parameters_of(names)
+    assert {"p10", "p6", "sx", "m_drive"} <= seen
+    (symbols,) = symbols_blocks(["p1", "p10", "sx", "m_drive"], screen=True, left_out=seen)
+    assert "p1:" in symbols.short
+    assert "p10" not in symbols.short
+    assert "p10" in symbols.text
+
+
+def test_a_change_is_not_compared_with_an_a_priori_value_of_rounding_size():
+    row = SimpleNamespace(unit="kg m", std_undetected=1.2e-3)
+    rows = [
+        SimpleNamespace(parameter=name, a_priori=size, **vars(row))
+        for name, size in (("sx", 1.3e-16), ("sy", 1e-3))
+    ]
+    effect = SimpleNamespace(kind="any", text="", worst="sx", sigmas=1.0, forces=1.0)
+    text = undetected_blocks([effect], rows, screen=True)[0].text
+    assert "sy by 0.0012 kg m" in text
+    assert "sx" not in text
 
 
 @pytest.mark.parametrize(
