@@ -19,6 +19,7 @@ from estimation.processing.period import (
     choose_omega_at_rest,
     find_motion_onset,
     find_periodic_window,
+    find_settled_window,
     is_at_rest,
     omega_error,
     omega_from_column,
@@ -62,7 +63,7 @@ def leave_out_ramps(
     """Return the whole periods of a recording between lead-in and lead-out, with a warning.
 
     A recording without such ramps, or without a period, is returned as it is, and all of it for
-    a spline.
+    a spline. So are whole periods at the ends of a recording that a stated filter has spoilt.
     """
     if configuration.run.estimate.differentiation == "spline":
         return data
@@ -70,12 +71,15 @@ def leave_out_ramps(
         omega, _ = choose_omega(configuration, data, design, ramps=True)
     except UnsuitableDataError:
         return data
-    window = find_periodic_window(data, omega)
+    window, what = find_periodic_window(data, omega), "rows of lead-in, lead-out or rests"
+    if window is None and data.has_sensors:
+        window = find_settled_window(data, omega)
+        what = "periods at the ends, at which the filter of the recording had not settled,"
     if window is None:
         return data
     periods = data.between(*window)
     keys = " and ".join(f"`data.{key}: {value}`" for key, value in window_keys(periods).items())
-    warning = f"rows of lead-in, lead-out or rests are left out: {keys}"
+    warning = f"{what} are left out: {keys}"
     return replace(periods, content=data.content, warnings=(*periods.warnings, warning))
 
 

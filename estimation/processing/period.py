@@ -273,6 +273,37 @@ def find_periodic_window(data: Measurement, omega: float) -> tuple[float, float]
     return start, start + whole * period
 
 
+_FEWEST_SETTLED = 4
+_SPOILT = 4.0
+"""Mean square of filtered channels in a block, relative to all blocks, that is no noise."""
+
+
+def find_settled_window(data: Measurement, omega: float) -> tuple[float, float] | None:
+    """Return start and end, s, of the periods without those at whose end a filter has not settled.
+
+    A recording that begins or ends in the motion and was filtered afterwards has values there that
+    come from no motion. None if no period is spoilt, or fewer than four are there.
+    """
+    count = int(len(data) * data.step * omega / (2 * np.pi) + _WHOLE)
+    samples = whole_samples(omega, data.step, count)
+    if samples is None or count < _FEWEST_SETTLED or data.lost or data.stamped:
+        return None
+    count = len(data) // samples
+    groups = (data.length_sensors, data.lengths), (data.force_sensors, data.forces)
+    filtered = [values for sensors, values in groups if sensors is not None]
+    periods = np.column_stack(filtered)[: count * samples].reshape(count, samples, -1)
+    squares = (periods - np.median(periods[1:-1], axis=0)) ** 2
+    usual = np.mean(squares[1:-1], axis=(0, 1))
+    sizes = np.mean(squares / np.where(usual > 0, usual, np.inf), axis=2)
+    block = max(round(_BLOCK * samples), 1)
+    first = int(np.mean(sizes[0, :block]) > _SPOILT)
+    last = count - int(np.mean(sizes[-1, -block:]) > _SPOILT)
+    if (first, last) == (0, count):
+        return None
+    start = float(data.time[first * samples])
+    return start, start + (last - first) * samples * data.step
+
+
 _NOISE = 6.0
 """Distance, in standard deviations of a length, that is not a motion."""
 _FEWEST = 10

@@ -7,6 +7,7 @@ time and nothing is rounded.
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -14,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from constraints.arrays import Array, ComplexArray, Mask
 from estimation.data.measurement import Measurement
@@ -47,6 +49,11 @@ _MOST_SAMPLES = 20_000
 _MOST_LOST = 0.1
 """Largest share of missing samples, or of lost weight, for a spectrum of the noise."""
 
+_DAMPED = 0.5
+"""Share of the power that a filter leaves at a line, below which it is damped."""
+_LACKING, _NEAR = 0.5, 17
+"""Share of the usual noise below which that at a damped line is filled up; lines in its mean."""
+
 _SENSORS = (
     "filters, and delays of single channels, are taken back for whole periods of the motion that "
     "are a whole number of samples, without a phase that is always missing"
@@ -78,20 +85,63 @@ class Channels:
     response: ComplexArray | None = None
     """(N // 2 + 1, 6), of the sensors, by which the lines of values and periods are divided; None:
     they are as recorded."""
+    filled: int | None = None
+    """First line at which the noise that a filter has damped was replaced; None: nowhere."""
 
     def before_sensors(self, sensors: SensorResponse | None, step: float) -> Channels:
         """Return the channels before filters and delays of their sensors, (N, 6) values."""
         if sensors is None:
             return self
-        periods, count = self.repeats, len(self.values)
-        if periods is not None:
-            periods = sensors.undo(periods.reshape(-1, ACTUATORS), step).reshape(periods.shape)
+        count = len(self.values)
+        response = sensors.lines(count, step)
+        found = self._fill_damped(np.abs(response) ** 2 < _DAMPED)
+        repeats, single = found.repeats, None
+        if repeats is not None and self.periods is not None:
+            # Each by itself: a weighting filter, applied to each, takes exactly this back.
+            single = np.stack([sensors.undo(each, step) for each in repeats])
+        if repeats is not None:
+            repeats = sensors.undo(repeats.reshape(-1, ACTUATORS), step).reshape(repeats.shape)
+        return replace(
+            found,
+            values=sensors.undo(found.values, step),
+            repeats=repeats,
+            periods=single,
+            response=response,
+        )
+
+    def _fill_damped(self, damped: Mask) -> Channels:
+        """Return recorded channels with noise at damped lines, (L, 6), where they have none.
+
+        Noise that has passed the filter vanishes there with the signal. Rounding, the filter's true
+        response and jumps between two samples remain, and their weight would be the inverse of next
+        to nothing. With noise as at the other lines they have the weight of what is left. It is
+        drawn from a seed of the recording: the same one has the same estimate.
+        """
+        if self.repeats is None or len(self.repeats) < _REPEATED or not np.any(damped):
+            return self
+        lines = NoiseLines.of(self.repeats)
+        own = np.einsum("lii->li", lines.matrices).real
+        usual = np.nanmedian(np.where(damped, np.nan, own), axis=0)
+        near = uniform_filter1d(own, _NEAR, axis=0, mode="nearest")
+        lacking = np.where(damped & (near < _LACKING * usual), 1 - near / usual, 0.0)
+        if not np.any(lacking):
+            return self
+        kept = lines.matrices[~np.any(damped, axis=1)]
+        std = np.sqrt(np.einsum("lii->i", kept).real / len(kept))
+        correlation = np.mean(kept.real, axis=0) / np.multiply.outer(std, std)
+        root = np.linalg.cholesky(correlation) * np.sqrt(usual)[:, None]
+        rng = np.random.default_rng(zlib.crc32(self.repeats.tobytes()))
+        drawn = rng.standard_normal(self.repeats.shape) @ root.T
+        repeats = self.repeats + np.stack(
+            [series_of(np.sqrt(lacking) * lines_of(each), len(each)) for each in drawn]
+        )
+        weights = np.ones(repeats.shape[:2])
         return replace(
             self,
-            values=sensors.undo(self.values, step),
-            repeats=periods,
-            periods=None if self.periods is None else periods,
-            response=sensors.lines(count, step),
+            values=self.values + np.mean(repeats - self.repeats, axis=0),
+            scatter=scatter_between_periods(repeats, weights),
+            repeats=repeats,
+            filled=int(np.argmax(np.any(lacking > 0, axis=1))),
         )
 
     def as_recorded(self, values: Array) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from os import PathLike
 from typing import Any
 
+import numpy as np
 from numpy.linalg import LinAlgError
 
 from estimation import identification
@@ -105,9 +106,16 @@ def run_estimate(work: Workspace) -> Outcome:
             refuse_channels=not (work.sources.force or simulated),
         )
     except LinAlgError as error:
-        raise StageFailed(
-            f"the parameters cannot be determined from these data: is a channel constant? ({error})"
-        ) from error
+        still = _constant_channels(recordings_of(work))
+        reason = (
+            f"constant channels: {', '.join(still)}"
+            if still
+            else "no channel is constant, but the noise of one may be that of others, or next to "
+            "none. State `noise` in the robot file and `estimate: {noise: given}`, and compare "
+            "`data.filter` with the filter of the recording"
+        )
+        message = f"the parameters cannot be determined from these data: {reason} ({error})"
+        raise StageFailed(message) from error
     summary = _summary(result)
     return Outcome(
         result=result,
@@ -116,6 +124,17 @@ def run_estimate(work: Workspace) -> Outcome:
         warnings=result.warnings[len(configuration.warnings) :],
         doubt="" if summary["verdict"] == "accepted" else "a diagnostic failed",
     )
+
+
+def _constant_channels(recordings: Sequence[Measurement]) -> list[str]:
+    """Return the names of the channels that are constant in a recording."""
+    found = [
+        f"{group}{strut}"
+        for data in recordings
+        for group, values in (("q", data.lengths), ("Q", data.forces))
+        for strut in np.flatnonzero(np.ptp(values, axis=0) == 0) + 1
+    ]
+    return sorted(set(found))
 
 
 def check_channels_of(work: Workspace, data: Measurement) -> tuple[ChannelCheck, list[str], str]:

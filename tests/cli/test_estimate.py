@@ -539,3 +539,20 @@ def test_all_zeros_that_may_be_wrong_are_named(command, folder):
     found = problems(upper, outside, outside, far, far, far)
     assert len(found) == 5
     assert "zeros of possible lengths may be wrong as well: strut 1" in found[-1]
+
+
+@pytest.mark.parametrize("constant", [False, True])
+def test_a_failure_names_a_constant_channel_only_if_there_is_one(
+    command, folder, monkeypatch, constant
+):
+    def fail(*_, **__):
+        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+
+    monkeypatch.setattr("estimation.identification.estimate", fail)
+    if constant:
+        write(folder / "recording.csv", change=lambda table: table.assign(Q3=1.0))
+    failed = command(*arguments(folder))
+    assert failed.status == 1
+    words = " ".join(failed.error.split())
+    assert ("constant channels: Q3" in words) == constant
+    assert ("no channel is constant" in words) != constant

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from estimation.estimators import PerturbedMachine
 from estimation.identification import estimate_parameters
 from estimation.identification.calibration import apply_calibration
 from estimation.identification.estimate import estimate
+from estimation.identification.periods import leave_out_ramps
 from estimation.twin import Twin
 from estimation.twin.truth import write_measurement
 from expdesign.configuration import InputError
@@ -239,3 +241,72 @@ def test_filters_need_the_means_of_a_known_period(section: dict[str, Any], key: 
     with pytest.raises(InputError, match="whole periods") as refused:
         run(**section, data={"filter": {"q": {"low_pass": "50 Hz"}}})
     assert refused.value.problems[0].key == key
+
+
+def _record_with_noise_filtered(
+    file: Path, seed: int, low_pass: dict[str, Any], *, ends: bool = False
+) -> None:
+    """Write a recording whose forces a logger has filtered with their noise, at its own rate."""
+    motion, rng, step = palida_motion(), np.random.default_rng(seed), STEP / 2
+    samples = round(motion.period / step)
+    before = 0 if ends else samples
+    times = step * np.arange(-before, 10 * samples + before)
+    noise = ROBOT.description.noise
+    assert noise is not None
+
+    def draw(covariance: Array) -> Array:
+        return rng.multivariate_normal(np.zeros(6), covariance, len(times))
+
+    state = motion.sample(times)
+    forces = ROBOT.actuator_forces(*state) + draw(noise.force_covariance)
+    own = signal.butter(low_pass["order"], low_pass["low_pass"], fs=1 / step)
+    passing = signal.filtfilt if low_pass["zero_phase"] else signal.lfilter
+    forces = passing(*own, forces, axis=0)
+    lengths = ROBOT.inverse_kinematics(state.pose) + draw(noise.length_covariance)
+    used = slice(before, before + 10 * samples)
+    times = step * np.arange(10 * samples)
+    write_measurement(Measurement(times, lengths[used], forces[used], step), file)
+
+
+_LOGGERS = [
+    (40.0, 3, True, False),
+    (40.0, 3, True, True),
+    (60.0, 1, True, True),
+    (100.0, 2, True, False),
+    (40.0, 2, False, False),
+    (100.0, 1, False, False),
+]
+
+
+@pytest.mark.parametrize(("cutoff", "order", "zero_phase", "ends"), _LOGGERS)
+def test_noise_that_has_passed_the_filter_leaves_estimates_that_are_accepted(
+    tmp_path: Path, cutoff: float, order: int, zero_phase: bool, ends: bool
+) -> None:
+    low_pass = {"low_pass": cutoff, "order": order, "zero_phase": zero_phase}
+    _record_with_noise_filtered(tmp_path / "m.csv", 0, low_pass, ends=ends)
+    case = run({"estimators": ["gm"]}, data={"filter": {"Q": low_pass}})
+    recording = read_measurement(tmp_path / "m.csv", case.run.data, case.robot)
+    result = estimate(case, recording, palida_motion())
+    found = result["gm"]
+    error = np.array(list(found.values.values())) - ROBOT.parameters
+    covariance = np.array(found.covariance)
+    assert error @ np.linalg.solve(covariance, error) / len(error) < 2.5
+    assert result.diagnostics is not None
+    verdict = result.diagnostics.verdict
+    assert verdict.status is Status.ACCEPTED, verdict.summary
+    assert any("from" in each and "Hz on, noise as large" in each for each in result.warnings)
+
+
+def test_periods_are_left_out_in_which_a_stated_filter_begins_from_nothing(
+    tmp_path: Path,
+) -> None:
+    low_pass = {"low_pass": 10.0, "order": 2, "zero_phase": False}
+    _record_with_noise_filtered(tmp_path / "m.csv", 1, low_pass, ends=True)
+    case = run({"estimators": ["gm"]}, data={"filter": {"Q": low_pass}})
+    recording = read_measurement(tmp_path / "m.csv", case.run.data, case.robot)
+    found = leave_out_ramps(case, recording, palida_motion())
+    assert len(recording) - len(found) == round(palida_motion().period / recording.step)
+    assert found.time[0] == pytest.approx(recording.time[0] + palida_motion().period)
+    assert "had not settled" in found.warnings[-1]
+    settled = replace(recording, force_sensors=None)
+    assert leave_out_ramps(case, settled, palida_motion()) is settled
