@@ -514,7 +514,7 @@ def test_lengths_that_no_pose_has_refer_to_the_design(command, folder, monkeypat
     for text in ("5 periods of 1 s", "--design DIR determines order and sign", "no pose has"):
         assert text in found.error
     found = json.loads(command(*given, "--json").output)
-    assert found["data"] == {"file": str(folder / "recording.csv")}
+    assert found["data"] == {"file": "recording.csv"}
     assert found["message"] == "no pose has the measured lengths"
 
 
