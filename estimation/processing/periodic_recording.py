@@ -123,19 +123,22 @@ class Channels:
         own = np.einsum("lii->li", lines.matrices).real
         usual = np.nanmedian(np.where(damped, np.nan, own), axis=0)
         near = uniform_filter1d(own, _NEAR, axis=0, mode="nearest")
-        lacking = np.where(damped & (near < _LACKING * usual), 1 - near / usual, 0.0)
+        share = near / np.where(usual > 0, usual, 1.0)
+        lacking = np.where(damped & (near < _LACKING * usual), 1 - share, 0.0)
         if not np.any(lacking):
             return self
-        kept = lines.matrices[~np.any(damped, axis=1)]
-        std = np.sqrt(np.einsum("lii->i", kept).real / len(kept))
-        correlation = np.mean(kept.real, axis=0) / np.multiply.outer(std, std)
-        root = np.linalg.cholesky(correlation) * np.sqrt(usual)[:, None]
+        # Few lines leave a covariance that is singular, and a channel may have no noise.
+        covariance = np.mean(lines.matrices[~np.any(damped, axis=1)].real, axis=0)
+        values, vectors = np.linalg.eigh(covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        sizes = np.sqrt(np.diag(covariance))
+        root *= np.sqrt(usual / np.where(sizes > 0, sizes, 1.0) ** 2)[:, None]
         rng = np.random.default_rng(zlib.crc32(self.repeats.tobytes()))
         drawn = rng.standard_normal(self.repeats.shape) @ root.T
         repeats = self.repeats + np.stack(
             [series_of(np.sqrt(lacking) * lines_of(each), len(each)) for each in drawn]
         )
-        weights = np.ones(repeats.shape[:2])
+        weights = np.broadcast_to(self.counts / len(repeats), repeats.shape[:2])
         return replace(
             self,
             values=self.values + np.mean(repeats - self.repeats, axis=0),

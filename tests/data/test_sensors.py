@@ -21,6 +21,7 @@ from estimation.identification import estimate_parameters
 from estimation.identification.calibration import apply_calibration
 from estimation.identification.estimate import estimate
 from estimation.identification.periods import leave_out_ramps
+from estimation.processing import PeriodSource, fold_recording
 from estimation.twin import Twin
 from estimation.twin.truth import write_measurement
 from expdesign.configuration import InputError
@@ -295,6 +296,29 @@ def test_noise_that_has_passed_the_filter_leaves_estimates_that_are_accepted(
     verdict = result.diagnostics.verdict
     assert verdict.status is Status.ACCEPTED, verdict.summary
     assert any("from" in each and "Hz on, noise as large" in each for each in result.warnings)
+
+
+@pytest.mark.parametrize("still", [False, True])
+def test_two_periods_behind_a_slow_filter_are_enough(tmp_path: Path, still: bool) -> None:
+    """Their undamped lines are fewer than the channels; and a length may have no noise."""
+    low_pass = {"low_pass": 1.5, "order": 2, "zero_phase": True}
+    _record_with_noise_filtered(tmp_path / "m.csv", 0, low_pass)
+    case = run({"estimators": ["gm"]}, data={"filter": {"Q": low_pass, "q2": low_pass}})
+    recording = read_measurement(tmp_path / "m.csv", case.run.data, case.robot)
+    used = slice(0, 2 * round(palida_motion().period / recording.step))
+    lengths = recording.lengths[used].copy()
+    if still:
+        half = len(lengths) // 2
+        lengths[half:, 1] = lengths[:half, 1]
+    two = replace(
+        recording, time=recording.time[used], lengths=lengths, forces=recording.forces[used]
+    )
+    folded = fold_recording(two, palida_motion().omega, PeriodSource.DESIGN)
+    assert folded.forces.filled is not None
+    noise = folded.forces.noise()
+    assert noise is not None
+    assert np.all(np.isfinite(noise.covariance))
+    assert np.all(np.isfinite(folded.lengths.values))
 
 
 def test_periods_are_left_out_in_which_a_stated_filter_begins_from_nothing(
