@@ -80,13 +80,51 @@ def print_table(console: Console, table: ReportTable) -> None:
     rows += [[""] * len(columns)] * (blocks * height - len(rows))
     rows = [[cell for row in rows[k::height] for cell in row] for k in range(height)]
     columns *= blocks
-    made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, _GAP - 1, 0, 0))
-    for column, width in zip(columns, _fitted_widths(columns, rows, console.width), strict=True):
-        justify: Literal["left", "right"] = "right" if column.numeric else "left"
-        made.add_column(column.heading, justify=justify, overflow="fold", width=width)
-    for cells in rows:
-        made.add_row(*cells)
-    console.print(made)
+    for part in _parts(columns, rows, console.width):
+        own, cells = [columns[k] for k in part], [[row[k] for k in part] for row in rows]
+        made = Table(
+            box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, _GAP - 1, 0, 0)
+        )
+        for column, width in zip(own, _fitted_widths(own, cells, console.width), strict=True):
+            justify: Literal["left", "right"] = "right" if column.numeric else "left"
+            made.add_column(column.heading, justify=justify, overflow="fold", width=width)
+        for each in cells:
+            made.add_row(*each)
+        console.print(made)
+
+
+def _parts(
+    columns: Sequence[TableColumn], rows: Sequence[Sequence[str]], width: int
+) -> list[list[int]]:
+    """Return the columns of every part of a table that a terminal shows one below the other.
+
+    There are several only if numbers or headings would be broken. Each has the first column.
+    """
+    _, least, broken = _widths(columns, rows)
+    room = width + _GAP
+    if sum(broken) + _GAP * len(broken) <= room:
+        return [list(range(len(columns)))]
+    parts = [[0]]
+    for k in range(1, len(columns)):
+        last = parts[-1]
+        if len(last) > 1 and sum(least[j] + _GAP for j in (*last, k)) > room:
+            parts.append([0])
+        parts[-1].append(k)
+    return parts
+
+
+def _widths(
+    columns: Sequence[TableColumn], rows: Sequence[Sequence[str]]
+) -> tuple[list[int], list[int], list[int]]:
+    """Return widths of columns: on one line, with whole words, with broken words of texts."""
+    full, least, broken = list[int](), list[int](), list[int]()
+    for k, column in enumerate(columns):
+        cells = [row[k] for row in rows]
+        words, head = " ".join(cells).split(), _longest(column.heading.split())
+        full.append(_longest([column.heading, *cells]))
+        least.append(max(head, _longest(cells if column.numeric else words)))
+        broken.append(least[k] if column.numeric else head)
+    return full, least, broken
 
 
 def _fitted_widths(
@@ -96,13 +134,7 @@ def _fitted_widths(
 
     Words of texts, other than those of headings, are broken where the terminal is too narrow.
     """
-    full, least, broken = list[int](), list[int](), list[int]()
-    for k, column in enumerate(columns):
-        cells = [row[k] for row in rows]
-        words, head = " ".join(cells).split(), _longest(column.heading.split())
-        full.append(_longest([column.heading, *cells]))
-        least.append(max(head, _longest(cells if column.numeric else words)))
-        broken.append(least[k] if column.numeric else head)
+    full, least, broken = _widths(columns, rows)
     room = width - _GAP * (len(columns) - 1)
     found = least if sum(least) <= room else broken
     for k in sorted(range(len(columns)), key=lambda k: full[k] - found[k]):

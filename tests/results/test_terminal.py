@@ -156,6 +156,25 @@ def test_a_narrow_terminal_leaves_words_whole_and_wide_columns_out():
     assert ["7.75" in text for text in texts.values()] == [False, True]
 
 
+@pytest.mark.parametrize(("width", "parts"), [(80, 2), (160, 1)])
+def test_a_table_that_is_too_wide_is_printed_in_parts(width, parts):
+    """As that of a sweep: no heading is broken inside a word, every part has the first column."""
+    heads = ("log det F", "equal time", "median", "measuring", "certificates", "iterations")
+    columns = [
+        TableColumn("design", of=[1, 2]),
+        TableColumn("frequency", kind="text", of=["0.1 Hz", "0.25 Hz"]),
+        *(TableColumn(head, "kg m^2", of=[1234567.125, 2.5]) for head in heads),
+        TableColumn("proved", of=[True, False], proof=True),
+    ]
+    console = Console(file=io.StringIO(), width=width)
+    print_table(console, ReportTable.of("sweep", "Sweep", columns, screen=True))
+    text = console.file.getvalue()
+    assert max(map(len, text.splitlines())) <= width
+    words = text.split()
+    assert all(word in words for head in heads for word in head.split())
+    assert words.count("design") == parts
+
+
 @pytest.mark.parametrize("width", [80, 200])
 def test_a_narrow_terminal_cuts_no_cell(width):
     heads = ("variance about the prediction", "variance of the noise", "allowed error", "speed")
