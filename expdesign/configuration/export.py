@@ -54,6 +54,8 @@ class ExportSection(schema.Section):
     """Coordinates of the format's tables, the default first."""
     shared: ClassVar[tuple[str, ...]] = ()
     """Accepted options of this class in addition to those of every format."""
+    reasons: ClassVar[dict[str, str]] = {}
+    """Reasons why the format does not have options that other formats have."""
     outputs: ClassVar[tuple[int, int]] = (0, 0)
     """First and last number of a digital output, for formats with the option `trigger`."""
 
@@ -110,7 +112,9 @@ class ExportSection(schema.Section):
         takes = self.options()
         for key in type(self).model_fields:
             if getattr(self, key) is not None and key not in takes:
-                raise refusal(f"{self.format} has no option '{key}'", ", ".join(takes), key=key)
+                reason = f": {self.reasons[key]}" if key in self.reasons else ""
+                message = f"{self.format} has no option '{key}'{reason}"
+                raise refusal(message, ", ".join(takes), key=key)
         strut_only = [key for key in STRUT_ONLY if getattr(self, key) is not None]
         if self.coordinates == "pose" and strut_only:
             key = strut_only[0]

@@ -216,6 +216,7 @@ def test_options_of_the_command_line(expdesign, folder, tmp_path):
     [
         (("--format", "xps"), "'xps' is not a choice"),
         (("--format", "pi-wave", "--sign", "1"), "pi-wave has no option 'sign'"),
+        (("--format", "ros2", "--units", "deg"), "option 'units': trajectories of ROS are in m"),
         (("--format", "xps-pvt", "--segment", "10 mm"), "is a length, not a duration"),
         (("--format", "xps-pvt", "--order", "1,2"), "2 numbers of struts where 6 are needed"),
         (("--format", "xps-pvt", "--counts-per-metre", "1,x"), "--counts-per-metre"),

@@ -15,7 +15,7 @@ from importlib import import_module
 from itertools import chain, islice, takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import model_validator
@@ -321,6 +321,7 @@ class Ros2Options(ExportSection):
 
     spaces = ("strut", "pose")
     shared = ("space", "digits", "axes", *STRUT_AXES)
+    reasons: ClassVar = {"units": "trajectories of ROS are in m and rad by definition (REP 103)"}
 
     encoding: Encoding | None = None
 
