@@ -62,8 +62,12 @@ class SensorResponse:
         for channel, each in enumerate(self.filters):
             if each is None:
                 continue
-            analog = scipy.signal.butter(each.order, 2 * np.pi * each.low_pass, analog=True)
-            _, own = scipy.signal.freqs(*analog, worN=rates)
+            if each.sampling is None:
+                analog = scipy.signal.butter(each.order, 2 * np.pi * each.low_pass, analog=True)
+                _, own = scipy.signal.freqs(*analog, worN=rates)
+            else:
+                digital = scipy.signal.butter(each.order, each.low_pass, fs=each.sampling)
+                _, own = scipy.signal.freqz(*digital, worN=rates / each.sampling)
             response[:, channel] *= np.abs(own) ** 2 if each.zero_phase else own
         if samples % 2 == 0:  # a real line
             response[-1] = np.abs(response[-1])

@@ -74,6 +74,17 @@ class ChannelFilter(schema.Section):
     order: Annotated[int, schema.whole(1, 8)] = 1
     zero_phase: bool = False
     """Applied forwards and backwards: the square of the gain and no delay."""
+    sampling: Annotated[quantity.Frequency, quantity.Positive] | None = None
+    """Rate at which a digital filter is computed (bilinear transform), Hz; None: continuous."""
+
+    @model_validator(mode="after")
+    def _check_rate(self) -> ChannelFilter:
+        if self.sampling is not None and self.low_pass >= self.sampling / 2:
+            message = (
+                f"a digital filter at {self.sampling:g} Hz has no cut-off {self.low_pass:g} Hz"
+            )
+            raise refusal(message, "one below half of `sampling`", key="low_pass")
+        return self
 
 
 class OrderByChannel(schema.Section):

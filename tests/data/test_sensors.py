@@ -298,6 +298,21 @@ def test_noise_that_has_passed_the_filter_leaves_estimates_that_are_accepted(
     assert any("from" in each and "Hz on, noise as large" in each for each in result.warnings)
 
 
+@pytest.mark.parametrize("zero_phase", [False, True])
+def test_a_digital_filter_is_that_of_its_own_rate(zero_phase: bool) -> None:
+    samples, step = 400, 2e-3
+    times = np.arange(3 * samples) * step
+    wave = np.sin(2 * np.pi * times / 0.8) + np.cos(2 * np.pi * 90 * times / 0.8)
+    passing = signal.filtfilt if zero_phase else signal.lfilter
+    settled = passing(*signal.butter(2, 80.0, fs=1 / step), wave)[samples : 2 * samples]
+    low_pass = {"low_pass": 80, "order": 2, "zero_phase": zero_phase, "sampling": "500 Hz"}
+    series = np.repeat(wave[:samples, None], 6, axis=1)
+    recorded = _response(filter={"Q": low_pass}).apply(series, step)
+    assert np.allclose(recorded, settled[:, None], atol=1e-9)
+    with pytest.raises(ValueError, match="digital filter"):
+        _response(filter={"Q": low_pass | {"sampling": "150 Hz"}})
+
+
 @pytest.mark.parametrize("still", [False, True])
 def test_two_periods_behind_a_slow_filter_are_enough(tmp_path: Path, still: bool) -> None:
     """Their undamped lines are fewer than the channels; and a length may have no noise."""
