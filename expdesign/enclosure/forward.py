@@ -41,8 +41,8 @@ _LARGEST_CHANGE = 0.5
 ACCURATE = 3e-9
 """Largest error of poses in the unit of `WITHIN`: cells with larger errors are divided."""
 _DIVISIONS = 10
-_STEPS = (16, 64, 256)
-"""From the lengths at home to the first ones; more if the fewer ones prove nothing."""
+_STEPS, _MOST_STEPS = 16, 256
+"""From the lengths at home, where a path begins, to the first ones; and from another pose."""
 _BLOCK = 1024
 
 
@@ -72,7 +72,7 @@ class StrutPath:
     begin : float
         Time at which the path to be enclosed begins, s; before it the lengths lead from home.
     home : (6,), optional
-        Pose that is connected with the first one, instead of the robot's home.
+        Pose that is connected with the first one, near or far, instead of the robot's home.
     """
 
     robot: Robot
@@ -84,8 +84,9 @@ class StrutPath:
     @cached_property
     def poses(self) -> PiecewisePolynomials:
         """The proved enclosures of the poses: see `enclosed_poses`."""
-        home = self.robot.home if self.home is None else self.home
-        return enclosed_poses(self.robot, self.lengths, self.guess, home)
+        if self.home is None:
+            return enclosed_poses(self.robot, self.lengths, self.guess, self.robot.home)
+        return enclosed_poses(self.robot, self.lengths, self.guess, self.home, _MOST_STEPS)
 
     @property
     def known_until(self) -> float:
@@ -117,7 +118,11 @@ class StrutPath:
 
 
 def enclosed_poses(
-    robot: Robot, lengths: StrutLengths, guess: Callable[[Array], Array], home: Array
+    robot: Robot,
+    lengths: StrutLengths,
+    guess: Callable[[Array], Array],
+    home: Array,
+    most_steps: int = _STEPS,
 ) -> PiecewisePolynomials:
     """Return the poses of a machine that starts at home, m and rad; arguments as of `StrutPath`.
 
@@ -145,7 +150,7 @@ def enclosed_poses(
             break
     every = _Poses.join(found)
     every = every.among(np.argsort(every.edges[:, 0], kind="stable"))
-    return every.as_path(_reached_from_home(kinematics, lengths, every, home))
+    return every.as_path(_reached_from_home(kinematics, lengths, every, home, most_steps))
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,11 +212,16 @@ class _Poses:
 
 
 def _reached_from_home(
-    kinematics: EnclosedKinematics, lengths: StrutLengths, poses: _Poses, start_pose: Array
+    kinematics: EnclosedKinematics,
+    lengths: StrutLengths,
+    poses: _Poses,
+    start_pose: Array,
+    most_steps: int,
 ) -> Mask:
     """Return the cells (N,) whose pose is proved to be reached from home.
 
-    The lengths lead straight from those at home to those at the beginning of the first cell.
+    The lengths lead straight from those at home to those at the beginning of the first cell, in
+    more steps if fewer prove nothing.
     """
     robot, first = kinematics.robot, lengths.over(poses.edges[:1])
     begin, slack = (
@@ -221,13 +231,13 @@ def _reached_from_home(
         )
     )
     at_home = robot.inverse_kinematics(start_pose)
-    known = np.zeros(len(poses.edges), dtype=bool)
-    for steps in _STEPS:
+    steps = _STEPS
+    while True:
         way = at_home + np.linspace(0.0, 1.0, steps + 1)[:, None] * (begin - at_home)
         known = _reached(kinematics, poses, start_pose, way, slack)
-        if known[0]:
-            break
-    return known
+        if known[0] or steps >= most_steps:
+            return known
+        steps = min(4 * steps, most_steps)
 
 
 def _reached(
