@@ -22,9 +22,9 @@ GROWTH, LONGEST = 1.5, 60.0
 """A pause as a share of the time that had passed before it, up to so many seconds: the number of
 lines hardly depends on the load of the machine."""
 _UNCHANGED = 60.0
-"""The same between two lines that state the same progress."""
+"""Seconds between two lines, at least, that state the same progress."""
 _CHECKED = 1.0
-"""Seconds between two checks for it."""
+"""Seconds between two checks whether a line is due."""
 _SILENT = 2.0
 """Seconds that pass before anything is shown."""
 _BAR = 16
