@@ -7,11 +7,11 @@ Then every selected effect is tested given the others, and insignificant ones ar
 is replaced by a candidate that explains more in its place. Without effects, the rate of false
 alarms follows the families' levels.
 
-An effect is certain if it has no rival and the effects found explain the residuals. A rival is
-another candidate that, in its place, leaves the effect itself insignificant; rivals are reported
-with the effect. If a lack of fit remains, if more than three causes are needed, or if an effect has
-an impossible sign or size, something that is not in the list acts on the forces, and the effects
-only imitate it.
+An effect is certain if it has no rival, not even noise, and the effects found explain the
+residuals. A rival is another candidate that, in its place, leaves the effect itself insignificant;
+rivals are reported with the effect. If a lack of fit remains, if more than three causes are needed,
+or if an effect has an impossible sign or size, something that is not in the list acts on the
+forces, and the effects only imitate it.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from estimation.diagnostics.joint_system import JointSystem
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.residuals import HarmonicLackOfFit, LackOfFit
 from estimation.diagnostics.search import (
+    RIVAL_LEVEL,
     EffectCandidate,
     EffectTests,
     Search,
@@ -42,12 +43,14 @@ from estimation.diagnostics.search import (
     exclude,
     periodic_fits,
 )
-from estimation.diagnostics.significance import POSITION_PERIODIC, Strut
+from estimation.diagnostics.significance import HYPOTHESES, POSITION_PERIODIC, Strut
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.runfolder import Numbers, OpenNumber, described
 
 REMAINDER = 0.02
 """Share of the strongest effect's statistic below which another may be its remainder."""
+CHANCE = float(np.log(RIVAL_LEVEL / HYPOTHESES))
+"""Largest logarithm of p over its limit that excludes noise over all families."""
 _MOST = 12
 """Largest number of effects: one cause may act in all struts."""
 MOST_ALTERNATIVES = 3
@@ -102,6 +105,9 @@ class Effect:
     remainder: Annotated[
         bool, described("", "weak enough to be a linearisation error of another effect")
     ] = False
+    chance: Annotated[
+        bool, described("", "p over all families is above 0.1 %: it may be noise")
+    ] = False
 
     doubt: Annotated[
         str,
@@ -115,7 +121,7 @@ class Effect:
     @property
     def certain(self) -> bool:
         """Whether the effect has no alternative explanation."""
-        return not (self.rivals or self.remainder or self.doubt)
+        return not (self.rivals or self.remainder or self.chance or self.doubt)
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,13 +316,13 @@ def _effects(
                 doubt = "the pitch is longer than the stroke"
         elif not item.is_possible(values, covariance):
             doubt = _IMPOSSIBLE
-        log_p = search.conditional_log_p(item, exclude(found, item)) - item.limit
+        relative = search.conditional_log_p(item, exclude(found, item)) - item.limit
         effects.append(
             Effect(
                 kind=item.kind,
                 strut=item.strut,
                 parameter=item.parameter,
-                log_p=log_p + float(np.log(item.hypothesis.level)),
+                log_p=relative + float(np.log(item.hypothesis.level)),
                 force=force,
                 value=value,
                 std=std,
@@ -324,6 +330,7 @@ def _effects(
                 stds=stds,
                 constant=item.constant,
                 remainder=size < REMAINDER * max(sizes),
+                chance=relative > CHANCE and item.scan is None,
                 rivals=tuple(Rival(*rival.name, p) for rival, p in others),
                 doubt=doubt,
             )
@@ -401,6 +408,7 @@ def _describe(hypothesis: Hypothesis, effect: Effect) -> str:
     constant = f", velocity {effect.constant:g} m/s" if effect.kind == "stribeck" else ""
     size = f"{', '.join(numbers)} {unit}{constant}"
     rest = ", perhaps a remainder of the strongest effect" * effect.remainder
+    rest += ", perhaps noise" * effect.chance
     name = _name_effects(effect.kind, [_place(effect)], {hypothesis.kind: hypothesis})
     return f"{name} ({size}{rest})"
 

@@ -41,11 +41,10 @@ from estimation.diagnostics.reliability import (
     CandidateReliability,
     UndetectedEffect,
     candidate_reliability,
+    changes_in_words,
     common_effect_findings,
     join_recordings,
-    largest_change_in_words,
     undetected_effects,
-    wanted_changes_in_words,
 )
 from estimation.diagnostics.residual_covariance import (
     ResidualCovariance,
@@ -158,12 +157,10 @@ def _undetected(
     estimate: ParameterEstimate,
     candidates: Sequence[CandidateReliability],
     wanted: Sequence[str],
-) -> tuple[tuple[UndetectedEffect, ...], tuple[str, str]]:
-    """Return the undetected effects, and their changes of wanted and other quantities in words."""
+) -> tuple[tuple[UndetectedEffect, ...], str]:
+    """Return the undetected effects, and their changes of wanted quantities in words."""
     names, std = np.array(priors.names)[priors.free].tolist(), estimate.std[priors.free]
-    values, stds = (
-        dict(zip(names, each.tolist(), strict=True)) for each in (estimate.values[priors.free], std)
-    )
+    stds = dict(zip(names, std.tolist(), strict=True))
     derived = derived_quantities(robot, estimate.values)
     errors = ErrorShares(estimate.covariance, np.zeros((len(estimate.values), 0)), ())
     known = list(known_quantities(derived, errors, robot.scales, priors.regrouping))
@@ -171,13 +168,13 @@ def _undetected(
     found = undetected_effects(
         candidates, names, std, {one.quantity: rows[one.quantity] for one in known}
     )
-    of_wanted = wanted_changes_in_words(
+    words = changes_in_words(
         found,
         stds | {one.quantity: one.std for one in known},
         {name: parameter_unit(name) for name in names} | {one.quantity: one.unit for one in known},
         wanted or ("mass", "centre"),
     )
-    return found, (of_wanted, largest_change_in_words(found, values, stds))
+    return found, words
 
 
 @dataclass(frozen=True, eq=False)

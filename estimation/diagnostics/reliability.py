@@ -34,6 +34,7 @@ import scipy
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import (
+    CHANCE,
     Attribution,
     Effect,
     Rival,
@@ -55,7 +56,6 @@ from estimation.estimators.covariance import Influence
 from estimation.kinematics import PointwiseMotion
 from estimation.measurement_model.motion import root_of_pseudo_inverse
 from expdesign.configuration import quantity_text
-from expdesign.mechanism.terms import parameter_unit
 from expdesign.robot.derived import belongs_to
 from expdesign.runfolder import described
 
@@ -289,6 +289,7 @@ def common_effect_findings(
             Rival(own[0], own[2], own[1], log_p)
             for own, log_p in {each.key[:3]: each.log_p for each in alike[:_MOST_RIVALS]}.items()
         ),
+        chance=best.log_p - best.limit > CHANCE,
         doubt="" if possible else "its sign or size is impossible",
     )
     finding = hypothesis_finding(replace(attributions[0], effects=(effect,)), best.hypothesis)
@@ -362,46 +363,15 @@ def _undetected(
     )
 
 
-NOTICEABLE = 0.05
-"""Share of a parameter's value above which a change by an undetected effect is named."""
-
-
-def largest_change_in_words(
-    effects: Sequence[UndetectedEffect], values: Mapping[str, float], stds: Mapping[str, float]
-) -> str:
-    """Name the effect that may change a parameter most, and the change.
-
-    Changes below the standard deviation or `NOTICEABLE` are not named.
-
-    Examples
-    --------
-    >>> largest_change_in_words((), {}, {})
-    ''
-    """
-    changes = [(effect, name) for effect in effects for name in effect.shifts]
-
-    def ratio(change: tuple[UndetectedEffect, str]) -> float:
-        effect, name = change
-        return effect.shifts[name] / max(NOTICEABLE * abs(values[name]), stds[name])
-
-    worst = max(changes, key=ratio, default=None)
-    if worst is None or ratio(worst) < 1:
-        return ""
-    effect, name = worst
-    size = quantity_text(effect.shifts[name], parameter_unit(name), 2)
-    if abs(values[name]) > stds[name]:
-        percent = 100 * effect.shifts[name] / abs(values[name])
-        size += f", {float(f'{percent:.2g}'):g} % of it"
-    return f"{effect.text} would not be seen and could change {name} by up to {size}"
-
-
-def wanted_changes_in_words(
+def changes_in_words(
     effects: Sequence[UndetectedEffect],
     stds: Mapping[str, float],
     units: Mapping[str, str],
     wanted: Sequence[str],
 ) -> str:
     """Compare the changes of wanted quantities by any effect with their standard deviations.
+
+    The words continue the sentence of an accepted estimate and name the worst effect.
 
     Parameters
     ----------
@@ -413,13 +383,13 @@ def wanted_changes_in_words(
 
     Examples
     --------
-    >>> wanted_changes_in_words((), {}, {}, ("mass",))
+    >>> changes_in_words((), {}, {}, ("mass",))
     ''
     """
-    within, beyond = dict[str, str](), list[str]()
+    within, beyond = dict[str, str](), list[tuple[float, str, str]]()
     for name in dict.fromkeys(wanted):
         changes = [
-            (change / stds[one], change, one, effect.text.partition(" (")[0].removeprefix("a "))
+            (change / stds[one], change, one, effect.text)
             for effect in effects
             for one, change in {**effect.shifts, **effect.derived}.items()
             if belongs_to(one, name) and stds.get(one, 0.0) > 0
@@ -435,13 +405,21 @@ def wanted_changes_in_words(
         if within_std:
             within[name] = size
         else:
-            beyond.append(f"{name} by {size} ({ratio:.2g} σ, {by})")
-    found = [f"may change {', '.join(beyond)}"] if beyond else []
+            beyond.append((ratio, by, f"{name} by {size} ({ratio:.2g} σ)"))
+    words = ""
+    if beyond:
+        _, worst, _ = max(beyond)
+        own, others = (
+            join_words(change for _, by, change in beyond if (by == worst) == is_own)
+            for is_own in (True, False)
+        )
+        words = f", but {worst} would not be seen and could change {own}"
+        words += f", other effects {others}" if others else ""
     if within:
         names, each = (join_words(part) for part in (within, within.values()))
         whose = "its" if len(within) == 1 else "their"
-        found.append(f"change {names} by less than {whose} σ (at most {each})")
-    return f"undetected effects {', and '.join(found)}" if found else ""
+        words += f"; undetected effects change {names} by less than {whose} σ (at most {each})"
+    return words
 
 
 def undetected_std(effects: Sequence[UndetectedEffect]) -> dict[str, float]:

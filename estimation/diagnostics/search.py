@@ -286,31 +286,35 @@ class Search:
 
         Returns the effects, most significant first, and the rivals of each with their log p.
         """
+        rivals: list[tuple[tuple[EffectCandidate, float], ...]] = []
         for _ in range(_ROUNDS):
-            changed = False
+            before, rivals = found, []
             for number, item in enumerate(found):
                 report_progress(f"diagnosis: rivals of {len(found)} effects")
                 others = exclude(found, item)
-                rivals = self.find_rivals(item, others)
+                rivals.append(self.find_rivals(item, others))
                 own = self.fit_given(item, others)
                 # Any significant candidate is better than one beyond its bounds.
                 least = 0.0
                 if item.is_possible(own.values, own.covariance):
                     least = item.log_p(own, self.projection.freedom) - item.limit
-                if not rivals:
+                if not rivals[-1]:
                     continue
-                rival, log_p = rivals[0]
+                rival, log_p = rivals[-1][0]
                 if rival.hypothesis.sized_by_constant:
                     rival = self._refine_constant(rival, others)
                     if item.hypothesis.sized_by_constant:  # equal ones stay
                         log_p -= float(np.log(RIVAL_LEVEL))
                 if log_p - rival.limit < least:
-                    found, changed = [*found[:number], rival, *found[number + 1 :]], True
+                    found = [*found[:number], rival, *found[number + 1 :]]
             found = self.drop_insignificant(found)
-            if not changed:
+            if found is before:
                 break
-        found = sorted(found, key=lambda i: self.conditional_log_p(i, exclude(found, i)) - i.limit)
-        return found, [self.find_rivals(item, exclude(found, item)) for item in found]
+        else:
+            rivals = [self.find_rivals(item, exclude(found, item)) for item in found]
+        significance = [self.conditional_log_p(i, exclude(found, i)) - i.limit for i in found]
+        order = np.argsort(significance, kind="stable").tolist()
+        return [found[k] for k in order], [rivals[k] for k in order]
 
     def find_rivals(
         self, item: EffectCandidate, others: Sequence[EffectCandidate]
@@ -332,10 +336,11 @@ class Search:
             one for one in candidates if one[0].name not in taken and one[1] < np.log(RIVAL_LEVEL)
         ]
         refined = self._refine_best([one for one in candidates if one[0].fits_constant], others)
-        if item.hypothesis.sized_by_constant:
-            refined += self._size_secants(candidates, others)
         names = {one.name for one in refined}
         candidates = [one for one in candidates if one[0].name not in names]
+        if item.hypothesis.sized_by_constant:
+            # Of few samples a secant over a whole step may fit better than one of this size.
+            refined += self._size_secants(candidates, others)
         candidates += [(one, self.conditional_log_p(one, others)) for one in refined]
         conditional = self.projection.conditional_on(column_indices(others))
         for rival, log_p in candidates:

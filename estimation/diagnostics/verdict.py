@@ -173,12 +173,12 @@ def verdict(
     experiments: Sequence[AttributedDiagnosis],
     *of_the_estimate: Finding,
     channels: Sequence[Finding] = (),
-    undetected: tuple[str, str] = ("", ""),
+    undetected: str = "",
 ) -> DiagnosisVerdict:
     """Judge an estimate by its own findings and by those of its experiments.
 
-    `channels` are findings of wrong channels, which explain other failures; `undetected` states
-    what effects that no test would find change of wanted quantities, and the worst of them. Serious
+    `channels` are findings of wrong channels, which explain other failures; `undetected` continues
+    the summary of an accepted estimate with the changes by effects that no test would find. Serious
     failures come first, causes before their consequences.
     """
     of_the_forces = tuple(
@@ -202,9 +202,7 @@ def verdict(
             "accepted: no test contradicts the prediction, which confirms the forces on motions "
             "like this one, not the single parameters"
         )
-    of_wanted, worst = undetected
-    summary += f"; {of_wanted}" if of_wanted else ""
-    summary += f", but {worst}" if worst else ""
+    summary += undetected
     untested = dict.fromkeys(
         f.assumption for f in findings if f.outcome is FindingOutcome.NOT_TESTED
     )

@@ -10,9 +10,9 @@ from estimation.diagnostics.finding import Status
 from estimation.diagnostics.hypothesis import evaluate_hypothesis
 from estimation.diagnostics.reliability import (
     UndetectedEffect,
+    changes_in_words,
     join_recordings,
     undetected_std,
-    wanted_changes_in_words,
 )
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
@@ -142,13 +142,22 @@ def test_the_spread_is_that_of_sizes_below_the_detectable_one(lab):
 @pytest.mark.parametrize(
     ("wanted", "words"),
     [
-        (("mass",), "undetected effects change mass by less than its σ (at most 0.2 kg)"),
+        (("mass",), "; undetected effects change mass by less than its σ (at most 0.2 kg)"),
         (
             ("mass", "centre", "mass"),
-            "undetected effects may change centre by 3 mm (3 σ, one), and change mass by less than "
-            "its σ (at most 0.2 kg)",
+            ", but one would not be seen and could change centre by 3 mm (3 σ); undetected effects "
+            "change mass by less than its σ (at most 0.2 kg)",
         ),
-        (("p10", "mass"), "change p10 and mass by less than their σ (at most 0.2 kg and 0.2 kg)"),
+        (
+            ("centre", "p1"),
+            ", but one would not be seen and could change centre by 3 mm (3 σ), other effects p1 "
+            "by 0.2 kg m^2 (2 σ)",
+        ),
+        (
+            ("p10", "mass"),
+            "; undetected effects change p10 and mass by less than their σ (at most 0.2 kg and "
+            "0.2 kg)",
+        ),
         (("inertia",), ""),
     ],
 )
@@ -163,7 +172,7 @@ def test_changes_of_wanted_quantities_in_words(wanted, words):
             freedom=1,
             size=1.0,
             text=kind,
-            shifts={"p10": mass},
+            shifts={"p10": mass, "p1": mass},
             derived={"mass": mass, "centre_z": centre},
             sigmas=1.0,
             worst="p10",
@@ -171,10 +180,9 @@ def test_changes_of_wanted_quantities_in_words(wanted, words):
         )
         for kind, (mass, centre) in zip(("one", "other"), sizes, strict=True)
     ]
-    stds = {"p10": 0.25, "mass": 0.25, "centre_z": 0.001}
-    units = {"p10": "kg", "mass": "kg", "centre_z": "m"}
-    assert wanted_changes_in_words(effects, stds, units, wanted).endswith(words)
-    assert bool(wanted_changes_in_words(effects, stds, units, wanted)) == bool(words)
+    stds = {"p10": 0.25, "p1": 0.1, "mass": 0.25, "centre_z": 0.001}
+    units = {"p10": "kg", "p1": "kg m^2", "mass": "kg", "centre_z": "m"}
+    assert changes_in_words(effects, stds, units, wanted) == words
 
 
 def test_held_out_data_have_none(lab):
