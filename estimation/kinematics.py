@@ -326,12 +326,14 @@ def _turn_information(
     """Return a function for the information on sine and cosine of a harmonic, (12, 12).
 
     `jacobian` contains the slopes of the lengths to the pose over a period, (N, 6, 6), `weights`
-    those of every line, (N // 2 + 1, 6, 6), `phase` that of the first sample, rad. A harmonic
+    those of the first lines, (K, 6, 6), `phase` that of the first sample, rad. A harmonic
     shifts the few lines of the slopes by its number.
     """
     count = len(jacobian)
     lines = np.fft.fft(jacobian, axis=0) / np.sqrt(count)
-    whole = np.concatenate([weights, weights[1 : count - len(weights) + 1].conj()[::-1]])
+    whole = np.zeros((count, *weights.shape[1:]), dtype=np.complex128)
+    whole[1 - len(weights) :] = weights[:0:-1].conj()
+    whole[: len(weights)] = weights
     energy = np.sum(np.abs(lines) ** 2, axis=(1, 2))
     kept = np.flatnonzero(energy > _NO_LINE * np.sum(energy))
 

@@ -178,7 +178,7 @@ class Linearisation:
         if operation is None:
             return self.sign_errors
         whole = dense(self.sign_errors)
-        return operation(whole.reshape(*self.forces.shape, -1)).reshape(whole.shape)
+        return operation(whole.reshape(-1, ACTUATORS, whole.shape[1])).reshape(-1, whole.shape[1])
 
     def apply_filters(self, noise: NoiseModel) -> Linearisation:
         """Apply the filters that whiten coloured noise."""
@@ -186,9 +186,11 @@ class Linearisation:
         if noise.forces.filter is not None:
             names = ("forces", "regressors", "motion_columns")
             changes |= {name: noise.forces.filter(getattr(self, name)) for name in names}
+            changes["counts"] = self.counts[: noise.forces.filter.count]
         if noise.lengths.filter is not None and self.lengths is not None:
             changes["lengths"] = noise.lengths.filter(self.lengths)
             changes["length_columns"] = noise.lengths.filter(self.length_columns)
+            changes["length_counts"] = self.length_counts[: noise.lengths.filter.count]
         return replace(self, **changes) if changes else self
 
 

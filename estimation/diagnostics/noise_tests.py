@@ -364,7 +364,7 @@ def _test_channels(
             periods = np.stack([noise_filter(period) for period in unscaled])
             # The jump between a period's end and beginning appears as outliers after the filter.
             ends = noise_filter.reach(samples.std(axis=(0, 1)))
-            samples = contrasts(periods)[:, ends : noise_filter.samples - ends]
+            samples = contrasts(periods)[:, ends : noise_filter.count - ends]
     elif channels.repeats is not None and len(channels.repeats) > 1:
         # Missing samples are the means over the periods: errors of the model are no outliers.
         samples = contrasts(channels.repeats if profile is None else channels.repeats / profile.std)

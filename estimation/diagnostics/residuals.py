@@ -333,9 +333,8 @@ def force_residuals(experiment: Experiment, part: Linearisation) -> ForceResidua
     """Collect the force residuals of one linearised experiment."""
     order = np.argsort(part.times)
     order = order[_shown_rows(experiment, len(order))[order]]
-    return ForceResiduals(
-        part.times[order], part.forces[order], _force_std(experiment, part)[order]
-    )
+    rest = part.cells.mean(part.force_rows)
+    return ForceResiduals(part.times[order], rest[order], _force_std(experiment, part)[order])
 
 
 def _shown_rows(experiment: Experiment, rows: int) -> Mask:
@@ -346,7 +345,7 @@ def _shown_rows(experiment: Experiment, rows: int) -> Mask:
 
 
 def _force_std(experiment: Experiment, part: Linearisation) -> Array:
-    return np.sqrt(np.diag(experiment.noise.forces.covariance) / part.counts[:, None])
+    return np.sqrt(experiment.noise.forces.variances / part.counts[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -366,13 +365,13 @@ class VarianceComparison:
 
 def variance_comparison(experiment: Experiment, part: Linearisation) -> VarianceComparison:
     """Compare variances as in the paper; of averaged periods, over the single samples."""
-    single, periods = part.force_rows, experiment.recording.forces.periods
-    noise = np.diag(experiment.noise.forces.covariance)
+    single, channels = part.force_rows, experiment.recording.forces
+    noise = experiment.noise.forces.variances
     averaged = 0.0
-    if periods is not None:
-        if experiment.pointwise is not None:
-            periods = periods[:, experiment.pointwise.rows]
-        single = (periods - (experiment.forces - part.force_rows)).reshape(-1, single.shape[1])
+    if channels.periods is not None:
+        deviations = experiment.select_rows(np.moveaxis(channels.periods - channels.values, 0, 2))
+        rest = channels.as_recorded(deviations) + single[:, :, None]
+        single = np.moveaxis(rest, 2, 0).reshape(-1, single.shape[1])
     else:
         # If samples were lost, rows are means: a single sample has more noise.
         averaged = float(np.mean(1 - 1 / np.maximum(experiment.counts, 1.0)))
@@ -395,12 +394,12 @@ class BinRow:
 def dependence(experiment: Experiment, part: Linearisation) -> Iterator[BinRow]:
     """Yield the mean residuals in bins of every strut's length, speed, acceleration and load."""
     shown = _shown_rows(experiment, len(part.forces))
-    weights = 1 / _force_std(experiment, part) ** 2
+    weights, rest = 1 / _force_std(experiment, part) ** 2, part.cells.mean(part.force_rows)
     for name, values in _states(experiment, part).items():
         if name == "time":
             continue
         for j, (over, forces, weight) in enumerate(
-            zip(values[shown].T, part.forces[shown].T, weights[shown].T, strict=True), start=1
+            zip(values[shown].T, rest[shown].T, weights[shown].T, strict=True), start=1
         ):
             for row in _bin_means(over, forces, weight).tolist():
                 yield BinRow(j, name, *row)

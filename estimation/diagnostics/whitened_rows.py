@@ -42,7 +42,7 @@ class RowWhitening:
     white: Array
     """(6, 6), S with S Σ Sᵀ = 1; Σ is increased by the loss due to its estimation."""
     counts: Array
-    """(R,), number of samples averaged in each row."""
+    """(R,), number of samples averaged in each whitened row."""
     filter: WhiteningFilter | None
     """Filter applied first, if the noise is coloured."""
 
@@ -50,7 +50,8 @@ class RowWhitening:
     def of(cls, noise: NoiseEstimate, counts: Array) -> RowWhitening:
         """Build the scaling from the noise of one sample."""
         white = whitening(noise.covariance * noise.weighting_loss)
-        return cls(white, counts, noise.filter)
+        filtered = counts if noise.filter is None else counts[: noise.filter.count]
+        return cls(white, filtered, noise.filter)
 
     def __call__(self, values: Array) -> Array:
         """Whiten residuals, (R, 6), or columns, (R, 6, q)."""
@@ -85,7 +86,8 @@ class RowWhitening:
             return lambda z, y: (z * y) @ weight
         noise_filter, count = self.filter, float(self.counts[0])
         gains = np.linalg.norm(self.white @ noise_filter.gain[:, :, actuator].T, axis=0) ** 2
-        weights = count * gains * multiplicity(noise_filter.samples)
+        weights = np.zeros(noise_filter.samples // 2 + 1)
+        weights[: len(gains)] = count * gains * multiplicity(noise_filter.count)
         size = 1.0 if noise_filter.size is None else noise_filter.size[:, actuator]
         return lambda z, y: weights @ (lines_of((z / size).T).conj() * lines_of((y / size).T)).real
 
@@ -153,7 +155,7 @@ def _through(operation: Callable[[Array], Array], values: Matrix) -> Matrix:
     """Apply an operation on rows (R, 6, s), linear in each, to columns (6 R, s)."""
     count = values.shape[0] // ACTUATORS
     if not isinstance(values, sparse.sparray):
-        return operation(values.reshape(count, ACTUATORS, -1)).reshape(values.shape)
+        return operation(values.reshape(count, ACTUATORS, -1)).reshape(-1, values.shape[1])
     each = operation(np.broadcast_to(np.eye(ACTUATORS), (count, ACTUATORS, ACTUATORS)))
     places = np.arange(count + 1)
     return sparse.bsr_array((each, places[:-1], places)).tocsr() @ values

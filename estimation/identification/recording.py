@@ -137,10 +137,9 @@ def prepare_recording(
         )
     warnings += [
         f"the noise of the {name} has passed the filter that `data` states: from "
-        f"{channels.filled / recording.period:.3g} Hz on, noise as large as below is added to "
-        "them, so that frequencies that the filter damps have no weight"
+        f"{channels.kept / recording.period:.3g} Hz on they are left out"
         for name, channels in (("forces", recording.forces), ("lengths", recording.lengths))
-        if channels.filled is not None
+        if channels.kept is not None
     ]
     stated = {each.name: each.tolerance for each in low_passes(robot)}
     warnings.append(slow_low_pass_warning(robot, fit.series, stated))

@@ -58,6 +58,12 @@ class NoiseEstimate:
     unknown."""
 
     @property
+    def variances(self) -> Array:
+        """(6,), of one sample, without the share of lines that have no weight."""
+        share = 1.0 if self.filter is None else self.filter.count / self.filter.samples
+        return np.diag(self.covariance) * share
+
+    @property
     def weights_freedom(self) -> float:
         """Degrees of freedom of the weights (with a filter, of one line); inf if given."""
         return self.freedom if self.filter is None else min(self.freedom, self.filter.freedom)
@@ -83,23 +89,26 @@ class NoiseEstimate:
         """Return white noise of the same covariance, for rows that are not samples of a period."""
         return replace(self, lines=None, filter=None)
 
-    def before_sensors(self, response: ComplexArray, samples: int) -> NoiseEstimate:
+    def before_sensors(
+        self, response: ComplexArray, samples: int, kept: int | None = None
+    ) -> NoiseEstimate:
         """Return the noise of series whose lines are divided by a response, (L, 6).
 
-        The covariance stays that of a recorded sample; the filter takes the values to it.
+        The covariance stays that of a recorded sample; the filter takes the values to it. Lines
+        after those `kept` have neither weight nor noise.
         """
-        own = self.covariance.astype(np.complex128)
-        spectrum = np.broadcast_to(own, (len(response), *own.shape))
-        lines = self.lines or NoiseLines(spectrum, samples, self.freedom)
-        found = self.filter or replace(
-            scaling_filter(self.covariance, samples), loss=self.weighting_loss
-        )
-        spectrum = divide_spectrum(found.spectrum, response)
-        gain = filter_to(self.covariance, spectrum)
+        white = scaling_filter(self.covariance, samples)
+        lines = self.lines or NoiseLines(white.spectrum, samples, self.freedom)
+        found = self.filter or replace(white, loss=self.weighting_loss)
+        matrices, spectrum = divide_spectrum(lines.matrices, response), white.spectrum.copy()
+        spectrum[: len(found.spectrum)] = found.spectrum
+        spectrum = divide_spectrum(spectrum, response)
+        gain = filter_to(self.covariance, spectrum)[:kept]
+        matrices[len(gain) :] = 0.0
         return replace(
             self,
-            lines=replace(lines, matrices=divide_spectrum(lines.matrices, response)),
-            filter=replace(found, gain=gain, spectrum=spectrum),
+            lines=replace(lines, matrices=matrices),
+            filter=replace(found, gain=gain, samples=samples, spectrum=spectrum),
         )
 
     @property

@@ -7,7 +7,6 @@ time and nothing is rounded.
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -52,7 +51,7 @@ _MOST_LOST = 0.1
 _DAMPED = 0.5
 """Share of the power that a filter leaves at a line, below which it is damped."""
 _LACKING, _NEAR = 0.5, 17
-"""Share of the usual noise below which that at a damped line is filled up; lines in its mean."""
+"""Share of the usual noise below which a damped line has lost its own; lines in its mean."""
 
 _SENSORS = (
     "filters, and delays of single channels, are taken back for whole periods of the motion that "
@@ -85,67 +84,51 @@ class Channels:
     response: ComplexArray | None = None
     """(N // 2 + 1, 6), of the sensors, by which the lines of values and periods are divided; None:
     they are as recorded."""
-    filled: int | None = None
-    """First line at which the noise that a filter has damped was replaced; None: nowhere."""
+    kept: int | None = None
+    """Number of lines with weight: the noise of those from there on has passed the filter of the
+    sensors. None: all lines."""
 
     def before_sensors(self, sensors: SensorResponse | None, step: float) -> Channels:
         """Return the channels before filters and delays of their sensors, (N, 6) values."""
         if sensors is None:
             return self
-        count = len(self.values)
-        response = sensors.lines(count, step)
-        found = self._fill_damped(np.abs(response) ** 2 < _DAMPED)
-        repeats, single = found.repeats, None
+        response, repeats, single = sensors.lines(len(self.values), step), self.repeats, None
+        kept, scatter = self._leave_out(np.abs(response) ** 2 < _DAMPED)
         if repeats is not None and self.periods is not None:
             # Each by itself: a weighting filter, applied to each, takes exactly this back.
             single = np.stack([sensors.undo(each, step) for each in repeats])
         if repeats is not None:
             repeats = sensors.undo(repeats.reshape(-1, ACTUATORS), step).reshape(repeats.shape)
         return replace(
-            found,
-            values=sensors.undo(found.values, step),
+            self,
+            values=sensors.undo(self.values, step),
+            scatter=scatter,
             repeats=repeats,
             periods=single,
             response=response,
+            kept=kept,
         )
 
-    def _fill_damped(self, damped: Mask) -> Channels:
-        """Return recorded channels with noise at damped lines, (L, 6), where they have none.
+    def _leave_out(self, damped: Mask) -> tuple[int | None, NoiseEstimate | None]:
+        """Return the number of lines with weight, and the covariance from these.
 
-        Noise that has passed the filter vanishes there with the signal. Rounding, the filter's true
-        response and jumps between two samples remain, and their weight would be the inverse of next
-        to nothing. With noise as at the other lines they have the weight of what is left. It is
-        drawn from a seed of the recording: the same one has the same estimate.
+        Noise that has passed the filter vanishes with the signal at damped lines, (L, 6). Rounding,
+        the filter's true response and jumps between two samples remain; their weight would be the
+        inverse of next to nothing.
         """
         if self.repeats is None or len(self.repeats) < _REPEATED or not np.any(damped):
-            return self
-        lines = NoiseLines.of(self.repeats)
-        own = np.einsum("lii->li", lines.matrices).real
+            return None, self.scatter
+        own = np.einsum("lii->li", NoiseLines.of(self.repeats).matrices).real
         usual = np.nanmedian(np.where(damped, np.nan, own), axis=0)
         near = uniform_filter1d(own, _NEAR, axis=0, mode="nearest")
-        share = near / np.where(usual > 0, usual, 1.0)
-        lacking = np.where(damped & (near < _LACKING * usual), 1 - share, 0.0)
-        if not np.any(lacking):
-            return self
-        # Few lines leave a covariance that is singular, and a channel may have no noise.
-        covariance = np.mean(lines.matrices[~np.any(damped, axis=1)].real, axis=0)
-        values, vectors = np.linalg.eigh(covariance)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        sizes = np.sqrt(np.diag(covariance))
-        root *= np.sqrt(usual / np.where(sizes > 0, sizes, 1.0) ** 2)[:, None]
-        rng = np.random.default_rng(zlib.crc32(self.repeats.tobytes()))
-        drawn = rng.standard_normal(self.repeats.shape) @ root.T
-        repeats = self.repeats + np.stack(
-            [series_of(np.sqrt(lacking) * lines_of(each), len(each)) for each in drawn]
-        )
-        weights = np.broadcast_to(self.counts / len(repeats), repeats.shape[:2])
-        return replace(
-            self,
-            values=self.values + np.mean(repeats - self.repeats, axis=0),
-            scatter=scatter_between_periods(repeats, weights),
-            repeats=repeats,
-            filled=int(np.argmax(np.any(lacking > 0, axis=1))),
-        )
+        seen = np.all(~damped | (near >= _LACKING * usual), axis=1)
+        kept = int(np.flatnonzero(seen)[-1]) + 1
+        if kept == len(seen):
+            return None, self.scatter
+        samples = 2 * kept - 1
+        periods = np.stack([series_of(lines_of(each)[:kept], samples) for each in self.repeats])
+        weight = float(np.mean(self.counts)) / len(periods)
+        return kept, scatter_between_periods(periods, np.full(periods.shape[:2], weight))
 
     def as_recorded(self, values: Array) -> Array:
         """Return series of these channels, (N, 6, …), after filters and delays of their sensors."""
@@ -158,7 +141,7 @@ class Channels:
         """Return the noise of the values, given that of a recorded sample."""
         if self.response is None:
             return noise
-        return noise.before_sensors(self.response, len(self.values))
+        return noise.before_sensors(self.response, len(self.values), self.kept)
 
     def as_weighted(self, noise_filter: WhiteningFilter | None) -> Channels:
         """Return the channels with equal counts, as a whitening filter requires.
@@ -208,7 +191,7 @@ class Channels:
             size = size * np.sqrt(np.diag(scaled) / np.diag(covariance))
             lines = NoiseLines.of(repeats / size)
             covariance = lines.covariance
-        found = estimated_filter(lines, covariance, always=always)
+        found = estimated_filter(lines.first(self.kept), covariance, always=always)
         if size is not None and self.profile is not None:
             found = found or scaling_filter(covariance, lines.samples)
             words = f"{found.smoothing}, scaled over the {self.profile.over}"

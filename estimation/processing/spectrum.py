@@ -311,6 +311,12 @@ class NoiseLines:
         times = multiplicity(self.samples) / self.samples
         return np.asarray(np.einsum("l,lij->ij", times, self.matrices.real))
 
+    def first(self, kept: int | None) -> NoiseLines:
+        """Return the first lines, those of a period with fewer samples; None: all lines."""
+        if kept is None:
+            return self
+        return replace(self, matrices=self.matrices[:kept], samples=2 * kept - 1)
+
     def spread(self, columns: ComplexArray) -> tuple[Array, Array]:
         """Return Σ Re vᴴ C v over all N lines for columns v, (L, 6, k): (k, k).
 
@@ -336,10 +342,13 @@ _SHOWN = 0.1
 
 @dataclass(frozen=True, eq=False)
 class WhiteningFilter:
-    """Scaling and circular filter for series of one period; the filtered noise is white."""
+    """Scaling and circular filter for series of one period; the filtered noise is white.
+
+    Lines without weight are left out: of K lines remains a series of 2 K − 1 samples.
+    """
 
     gain: ComplexArray
-    """(N // 2 + 1, 6, 6), H, Hermitian."""
+    """(K, 6, 6), H, Hermitian, of the first lines."""
     samples: int
     """N."""
     spectrum: ComplexArray
@@ -358,13 +367,19 @@ class WhiteningFilter:
         """Samples before a sample that its filtered value depends on; None: all of a period."""
         return None
 
+    @property
+    def count(self) -> int:
+        """Number N' of samples of the filtered series."""
+        kept = len(self.gain)
+        return self.samples if kept == self.samples // 2 + 1 else 2 * kept - 1
+
     def __call__(self, values: Array) -> Array:
-        """Return series, (N, 6, …), scaled and filtered."""
-        return self._through(self.scale(values))
+        """Return series, (N, 6, …), scaled and filtered, (N', 6, …)."""
+        return series_of(self._through(self.scale(values)), self.count)
 
     def adjoint(self, values: Array) -> Array:
-        """Return Fᵀ y of series, (N, 6, …), for this linear operation F."""
-        return self.scale(self._through(values))
+        """Return Fᵀ y, (N, 6, …), of series, (N', 6, …), for this linear operation F."""
+        return self.scale(series_of(self._through(values), self.samples))
 
     def scale(self, values: Array) -> Array:
         """Return series, (N, 6, …), divided by the size of the noise."""
@@ -373,12 +388,12 @@ class WhiteningFilter:
         return values / self.size.reshape(*self.size.shape, *(1,) * (values.ndim - 2))
 
     def rows(self, values: Array) -> Array:
-        """Return real and imaginary parts of the filtered lines, (2 (N // 2 + 1), 6, …).
+        """Return real and imaginary parts of the filtered lines, (2 K, 6, …).
 
         Their inner products are those of the filtered series.
         """
-        lines = _apply_gain(self.gain, lines_of(self.scale(values)))
-        lines *= np.sqrt(multiplicity(self.samples)).reshape(-1, *(1,) * (lines.ndim - 1))
+        lines = self._through(self.scale(values))
+        lines *= np.sqrt(multiplicity(self.count)).reshape(-1, *(1,) * (lines.ndim - 1))
         return np.concatenate([lines.real, lines.imag])
 
     def block(self, values: Array, rows: slice, before: int) -> Array:
@@ -386,7 +401,7 @@ class WhiteningFilter:
         return self(values)[rows.start - before : rows.stop]
 
     def reach(self, std: Array) -> int:
-        """Return the reach of a jump's effect, in samples: a quarter of the period at most.
+        """Return the reach of a jump's effect, in filtered samples: a quarter of them at most.
 
         The jump has the size of the noise's standard deviation, (6,), in one channel; its remaining
         effect is the sum of the impulse response from there on. (A share of the response itself is
@@ -394,18 +409,16 @@ class WhiteningFilter:
         """
         impulse = np.zeros((self.samples, ACTUATORS, ACTUATORS))
         impulse[0] = np.diag(std)
-        left = np.abs(np.cumsum(self._through(impulse)[self.samples // 2 : 0 : -1], axis=0))[::-1]
+        response = series_of(self._through(impulse), self.count)
+        left = np.abs(np.cumsum(response[self.count // 2 : 0 : -1], axis=0))[::-1]
         shown = np.any(left > _SHOWN * std[:, None], axis=(1, 2))
-        return min(int(np.max(np.flatnonzero(shown) + 1, initial=0)), self.samples // 4)
+        return min(int(np.max(np.flatnonzero(shown) + 1, initial=0)), self.count // 4)
 
-    def _through(self, values: Array) -> Array:
-        return series_of(_apply_gain(self.gain, lines_of(values)), self.samples)
-
-
-def _apply_gain(gain: ComplexArray, lines: ComplexArray) -> ComplexArray:
-    """Return the gain's product with lines, (L, 6, …)."""
-    flat = np.matmul(gain, lines.reshape(*lines.shape[:2], -1))
-    return np.asarray(flat.reshape(lines.shape), dtype=np.complex128)
+    def _through(self, values: Array) -> ComplexArray:
+        """Return the filtered lines, (K, 6, …), of series, (n, 6, …)."""
+        lines = lines_of(values)[: len(self.gain)]
+        flat = np.matmul(self.gain, lines.reshape(*lines.shape[:2], -1))
+        return np.asarray(flat.reshape(lines.shape), dtype=np.complex128)
 
 
 def filter_to(covariance: Array, spectrum: ComplexArray) -> ComplexArray:

@@ -145,7 +145,7 @@ class _Spread:
     @classmethod
     def of(cls, part: Linearisation, experiment: Experiment, channel: int) -> _Spread:
         noise, fit = experiment.noise.forces, experiment.fit
-        variance = float(noise.covariance[channel, channel])
+        variance = float(noise.variances[channel])
         diagonal = variance / part.counts + part.sign_variance[:, channel]
         factor = np.zeros((len(part.counts), 0))
         if fit is not None:

@@ -21,7 +21,7 @@ from estimation.identification import estimate_parameters
 from estimation.identification.calibration import apply_calibration
 from estimation.identification.estimate import estimate
 from estimation.identification.periods import leave_out_ramps
-from estimation.processing import PeriodSource, fold_recording
+from estimation.identification.recording import fold_measurement
 from estimation.twin import Twin
 from estimation.twin.truth import write_measurement
 from expdesign.configuration import InputError
@@ -295,7 +295,7 @@ def test_noise_that_has_passed_the_filter_leaves_estimates_that_are_accepted(
     assert result.diagnostics is not None
     verdict = result.diagnostics.verdict
     assert verdict.status is Status.ACCEPTED, verdict.summary
-    assert any("from" in each and "Hz on, noise as large" in each for each in result.warnings)
+    assert any("Hz on they are left out" in each for each in result.warnings)
 
 
 @pytest.mark.parametrize("zero_phase", [False, True])
@@ -328,12 +328,39 @@ def test_two_periods_behind_a_slow_filter_are_enough(tmp_path: Path, still: bool
     two = replace(
         recording, time=recording.time[used], lengths=lengths, forces=recording.forces[used]
     )
-    folded = fold_recording(two, palida_motion().omega, PeriodSource.DESIGN)
-    assert folded.forces.filled is not None
-    noise = folded.forces.noise()
-    assert noise is not None
-    assert np.all(np.isfinite(noise.covariance))
-    assert np.all(np.isfinite(folded.lengths.values))
+    if still:
+        with pytest.raises(InputError, match="q2: the recording shows no noise at all"):
+            fold_measurement(case, two, palida_motion())
+        return
+    folded, noise = fold_measurement(case, two, palida_motion())
+    assert folded.forces.kept is not None
+    assert np.all(np.linalg.eigvalsh(noise.forces.covariance) > 0)
+
+
+def test_lines_that_are_left_out_have_no_weight_and_leave_white_noise(tmp_path: Path) -> None:
+    low_pass = {"low_pass": 40.0, "order": 3, "zero_phase": True}
+    _record_with_noise_filtered(tmp_path / "m.csv", 0, low_pass)
+    case = run(data={"filter": {"Q": low_pass}})
+    recording = read_measurement(tmp_path / "m.csv", case.run.data, case.robot)
+    folded, noise = fold_measurement(case, recording, palida_motion())
+    forces, whitening, sensors = folded.forces, noise.forces.filter, recording.force_sensors
+    assert whitening is not None
+    assert sensors is not None
+    assert forces.kept == pytest.approx(40 * folded.period, abs=8)
+    assert whitening.count == 2 * forces.kept - 1
+    # Nothing is added to the recording.
+    mean = recording.forces.reshape(-1, *forces.values.shape).mean(axis=0)
+    assert np.allclose(forces.values, sensors.undo(mean, recording.step))
+    rng = np.random.default_rng(1)
+    high = np.fft.irfft(np.pad(rng.normal(size=(20, 6)), ((180, 1), (0, 0))), 400, axis=0)
+    assert np.allclose(whitening(high), 0)
+    one, other = rng.normal(size=(400, 6)), rng.normal(size=(whitening.count, 6))
+    assert np.sum(whitening(one) * other) == pytest.approx(np.sum(one * whitening.adjoint(other)))
+    assert np.sum(whitening(one) ** 2) == pytest.approx(np.sum(whitening.rows(one) ** 2))
+    assert forces.periods is not None
+    rest = np.stack([whitening(each) for each in forces.periods - forces.values])
+    found = np.einsum("mni,mnj->ij", rest, rest) / (9 * whitening.count)
+    assert np.allclose(found, noise.forces.covariance, atol=0.1 * np.max(found))
 
 
 def test_periods_are_left_out_in_which_a_stated_filter_begins_from_nothing(
