@@ -305,37 +305,50 @@ def _effects(
         chosen = slice(first, first + len(item.places))
         first = chosen.stop
         values, covariance = fit.values[chosen], fit.covariance[chosen, chosen]
-        stds = np.sqrt(np.diag(covariance))
         if item.hypothesis.sized_by_constant:
             values = np.array([item.constant])
-        force, value, std, doubt = None, float(values[0]), float(stds[0]), ""
+        relative = search.conditional_log_p(item, exclude(found, item)) - item.limit
+        own = [Rival(*rival.name, p) for rival, p in others]
+        effect = build_effect(item, relative, (values, covariance), own)
         if (scan := item.scan) is not None:
             force = periodic_force(search.part, scan.strut, scan.best_pitch, values, covariance)
-            value, std = force.amplitude, force.amplitude_std
-            if force.pitch > np.ptp(search.part.position[:, scan.strut]):
-                doubt = "the pitch is longer than the stroke"
-        elif not item.is_possible(values, covariance):
-            doubt = _IMPOSSIBLE
-        relative = search.conditional_log_p(item, exclude(found, item)) - item.limit
-        effects.append(
-            Effect(
-                kind=item.kind,
-                strut=item.strut,
-                parameter=item.parameter,
-                log_p=relative + float(np.log(item.hypothesis.level)),
+            long = force.pitch > np.ptp(search.part.position[:, scan.strut])
+            effect = replace(
+                effect,
                 force=force,
-                value=value,
-                std=std,
-                values=values,
-                stds=stds,
-                constant=item.constant,
-                remainder=size < REMAINDER * max(sizes),
-                chance=relative > CHANCE and item.scan is None,
-                rivals=tuple(Rival(*rival.name, p) for rival, p in others),
-                doubt=doubt,
+                value=force.amplitude,
+                std=force.amplitude_std,
+                chance=False,  # its level is that of rivals
+                doubt="the pitch is longer than the stroke" * bool(long),
             )
-        )
+        effects.append(replace(effect, remainder=size < REMAINDER * max(sizes)))
     return tuple(effects)
+
+
+def build_effect(
+    item: EffectCandidate, relative: float, fit: tuple[Array, Array], rivals: Sequence[Rival]
+) -> Effect:
+    """Build an effect from the log p of a candidate less its limit, and from values and covariance.
+
+    `rivals` are its alternatives.
+    """
+    values, covariance = fit
+    stds = np.sqrt(np.diag(covariance))
+    return Effect(
+        kind=item.kind,
+        strut=item.strut,
+        parameter=item.parameter,
+        log_p=relative + float(np.log(item.hypothesis.level)),
+        force=None,
+        value=float(values[0]),
+        std=float(stds[0]),
+        values=values,
+        stds=stds,
+        constant=item.constant,
+        rivals=tuple(rivals),
+        chance=relative > CHANCE,
+        doubt="" if item.is_possible(values, covariance) else _IMPOSSIBLE,
+    )
 
 
 def position_periodic_finding(attribution: Attribution) -> Finding:

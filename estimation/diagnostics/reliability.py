@@ -26,6 +26,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import attrgetter
 from types import MappingProxyType
 from typing import Annotated
 
@@ -34,15 +35,13 @@ import scipy
 
 from constraints.arrays import Array
 from estimation.diagnostics.attribution import (
-    CHANCE,
     Attribution,
-    Effect,
     Rival,
+    build_effect,
     describe_candidate,
     hypothesis_finding,
 )
 from estimation.diagnostics.finding import Finding, join_words
-from estimation.diagnostics.hypothesis import Hypothesis
 from estimation.diagnostics.joint_system import (
     DETERMINED,
     ConditionalScores,
@@ -50,8 +49,8 @@ from estimation.diagnostics.joint_system import (
     JointSystem,
 )
 from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.diagnostics.search import RIVAL_LEVEL
-from estimation.diagnostics.significance import Strut, are_possible, log_tail, noncentrality
+from estimation.diagnostics.search import RIVAL_LEVEL, EffectCandidate, list_candidates
+from estimation.diagnostics.significance import Strut, noncentrality
 from estimation.estimators.covariance import Influence
 from estimation.kinematics import PointwiseMotion
 from estimation.measurement_model.motion import root_of_pseudo_inverse
@@ -96,11 +95,7 @@ class UndetectedEffect:
 class CandidateReliability:
     """Candidate effect in one recording, or in all of them together."""
 
-    hypothesis: Hypothesis
-    number: int
-    """Family, and number of the candidate in it."""
-    limit: float
-    """Largest log p, uncorrected, with which it is significant."""
+    item: EffectCandidate
     scores: ConditionalScores
     """Of its q columns, with I."""
     response: Array
@@ -115,11 +110,8 @@ class CandidateReliability:
     @property
     def key(self) -> _Key:
         """Kind, parameter, strut and constant: the same in all recordings."""
-        (name, strut), constant = (
-            self.hypothesis.labels[self.number],
-            self.hypothesis.constant_of(self.number),
-        )
-        return self.hypothesis.kind, name, strut, constant if np.isfinite(constant) else None
+        item, constant = self.item, self.item.constant
+        return item.kind, item.parameter, item.strut, constant if np.isfinite(constant) else None
 
     @cached_property
     def fit(self) -> EffectFit:
@@ -129,20 +121,17 @@ class CandidateReliability:
     @property
     def log_p(self) -> float:
         """Logarithm of p of its test, uncorrected."""
-        statistic, rank = np.array(self.fit.statistic), np.array(self.fit.rank)
-        return float(log_tail(statistic, rank, self.scores.freedom))
+        return self.item.log_p(self.fit, self.scores.freedom)
 
     @property
     def is_possible(self) -> bool:
-        """Whether its first value is within its bounds, or beyond them by noise alone."""
-        first = slice(1)
-        values, covariance = self.fit.values[first], self.fit.covariance[first, first]
-        return are_possible(values, covariance, *self.hypothesis.bounds)
+        """Whether its values are within their bounds, or beyond them by noise alone."""
+        return self.item.is_possible(self.fit.values, self.fit.covariance)
 
     @property
     def noncentrality(self) -> float:
         """λ."""
-        return noncentrality(self.limit, self.fit.rank, self.scores.freedom)
+        return noncentrality(self.item.limit, self.fit.rank, self.scores.freedom)
 
 
 def candidate_reliability(
@@ -171,8 +160,7 @@ def candidate_reliability(
         Terms whose size is stated as a tolerance, of zero if the machine has none: left out.
     """
     tests = attribution.first
-    families = list(tests.families.values())
-    signature = Signature.concatenate([each.hypothesis.columns for each in families])
+    signature = Signature.concatenate([each.hypothesis.columns for each in tests.families.values()])
     count = int(np.count_nonzero(part.free))
     forces, lengths = (
         part.cells.expand(signature.forces),
@@ -194,28 +182,18 @@ def candidate_reliability(
     unknown = np.r_[0:count, size - tolerated.count : size]
     response = attribution.response[:, unknown]
     unknowns = tests.solution.inverse[np.ix_(unknown, unknown)]
-    found = []
-    for family in families:
-        hypothesis = family.hypothesis
-        if hypothesis.kind in stated:
-            continue
-        for number in range(hypothesis.candidates):
-            places = family.places(number)
-            if np.all(counted[places]):
-                continue
-            found.append(
-                CandidateReliability(
-                    hypothesis,
-                    number,
-                    float(family.limits[number]),
-                    tests.conditional.select(places),
-                    response[places],
-                    unknowns,
-                    shift[:, places],
-                    gram,
-                )
-            )
-    return tuple(found)
+    return tuple(
+        CandidateReliability(
+            item,
+            tests.conditional.select(item.places),
+            response[item.places],
+            unknowns,
+            shift[:, item.places],
+            gram,
+        )
+        for item, _ in list_candidates(tests.families)
+        if item.kind not in stated and not np.all(counted[item.places])
+    )
 
 
 def join_recordings(
@@ -248,7 +226,7 @@ def _join(own: Sequence[CandidateReliability], root: Array) -> CandidateReliabil
     )
     return replace(
         own[0],
-        limit=min(each.limit for each in own),
+        item=replace(own[0].item, limit=min(each.item.limit for each in own)),
         scores=joint,
         response=np.sum([each.response for each in own], axis=0),
         shift=np.sum([each.shift for each in own], axis=0),
@@ -262,37 +240,21 @@ def common_effect_findings(
     """Return the finding of an effect that only all recordings together show."""
     if len(attributions) == 1 or any(each.effects for each in attributions):
         return ()
-    significant = [each for each in candidates if each.log_p < each.limit]
+    significant = [each for each in candidates if each.log_p < each.item.limit]
     possible = [each for each in significant if each.is_possible]
     if not significant:
         return ()
-    best = min(possible or significant, key=lambda each: each.log_p - each.limit)
-    kind, name, strut, constant = best.key
-    values, stds = best.fit.values, np.sqrt(np.diag(best.fit.covariance))
-    if best.hypothesis.sized_by_constant:
-        values = np.array([constant])
-    alike = sorted(
-        (each for each in possible if _is_rival(each, best)), key=lambda each: each.log_p
+    best = min(possible or significant, key=lambda each: each.log_p - each.item.limit)
+    alike = sorted((each for each in possible if _is_rival(each, best)), key=attrgetter("log_p"))
+    rivals = {each.item.name: each.log_p for each in alike[:_MOST_RIVALS]}
+    effect = build_effect(
+        best.item,
+        best.log_p - best.item.limit,
+        (best.fit.values, best.fit.covariance),
+        [Rival(*name, log_p) for name, log_p in rivals.items()],
     )
-    effect = Effect(
-        kind=kind,
-        strut=strut,
-        parameter=name,
-        log_p=best.log_p - best.limit + float(np.log(best.hypothesis.level)),
-        force=None,
-        value=float(values[0]),
-        std=float(stds[0]),
-        values=values,
-        stds=stds,
-        constant=np.nan if constant is None else constant,
-        rivals=tuple(
-            Rival(own[0], own[2], own[1], log_p)
-            for own, log_p in {each.key[:3]: each.log_p for each in alike[:_MOST_RIVALS]}.items()
-        ),
-        chance=best.log_p - best.limit > CHANCE,
-        doubt="" if possible else "its sign or size is impossible",
-    )
-    finding = hypothesis_finding(replace(attributions[0], effects=(effect,)), best.hypothesis)
+    attribution = replace(attributions[0], effects=(effect,))
+    finding = hypothesis_finding(attribution, best.item.hypothesis)
     together = "all recordings together: "
     return (
         replace(
@@ -306,7 +268,7 @@ def common_effect_findings(
 def _is_rival(one: CandidateReliability, best: CandidateReliability) -> bool:
     """Return whether a candidate explains nearly as much as the best one, another effect."""
     least = best.fit.statistic - scipy.stats.chi2.isf(RIVAL_LEVEL, best.fit.rank)
-    return one.key[:3] != best.key[:3] and one.fit.statistic > least
+    return one.item.name != best.item.name and one.fit.statistic > least
 
 
 def undetected_effects(
@@ -346,7 +308,7 @@ def _undetected(
     moved = own.shift @ change
     kind, name, strut, constant = own.key
     # Further values are of auxiliary columns.
-    shown = change[: own.hypothesis.values_shown]
+    shown = change[: own.item.hypothesis.values_shown]
     return UndetectedEffect(
         kind=kind,
         strut=strut,
@@ -354,7 +316,7 @@ def _undetected(
         constant=constant,
         freedom=own.fit.rank,
         size=float(np.linalg.norm(shown)),
-        text=describe_candidate(own.hypothesis, name, strut, shown),
+        text=describe_candidate(own.item.hypothesis, name, strut, shown),
         shifts=dict(zip(names, shifts.tolist(), strict=True)),
         derived=dict(zip(derived, changes[count:].tolist(), strict=True)),
         sigmas=float(shifts[k] / std[k]),

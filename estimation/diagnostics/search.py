@@ -108,6 +108,18 @@ class EffectCandidate:
         return float(log_tail(np.array(fit.statistic), np.array(fit.rank), freedom))
 
 
+def list_candidates(
+    tests: Mapping[str, HypothesisTest],
+) -> Iterator[tuple[EffectCandidate, float]]:
+    """Yield every candidate of the families with its log p; NaN if it cannot be tested."""
+    for test in tests.values():
+        hypothesis = test.hypothesis
+        for number, (name, strut) in enumerate(hypothesis.labels):
+            places, constant = test.places(number), hypothesis.constant_of(number)
+            limit, log_p = float(test.limits[number]), float(test.log_p[number])
+            yield EffectCandidate(hypothesis, strut, name, places, limit, constant), log_p
+
+
 class Search:
     """Search among the candidates of one experiment."""
 
@@ -157,19 +169,6 @@ class Search:
         family = Hypothesis(**vars(PERIODIC), labels=(), columns=new, level=self.level)
         limit = float(np.log(self.level / ACTUATORS))
         return EffectCandidate(family, scan.strut, "", self._append(new), limit, scan=scan)
-
-    def _candidates(
-        self, tests: Mapping[str, HypothesisTest]
-    ) -> Iterator[tuple[EffectCandidate, float]]:
-        """Yield every candidate of the families with its log p."""
-        for test in tests.values():
-            hypothesis = test.hypothesis
-            for number in np.flatnonzero(np.isfinite(test.log_p)).tolist():
-                name, strut = hypothesis.labels[number]
-                places, constant = test.places(number), hypothesis.constant_of(number)
-                limit = float(test.limits[number])
-                item = EffectCandidate(hypothesis, strut, name, places, limit, constant)
-                yield item, float(test.log_p[number])
 
     def _refine_constant(
         self, item: EffectCandidate, known: Sequence[EffectCandidate]
@@ -228,7 +227,11 @@ class Search:
         pitches.
         """
         taken = {item.name for item in known if item.scan is None}
-        candidates = [one for one in self._candidates(tests.families) if one[0].name not in taken]
+        candidates = [
+            one
+            for one in list_candidates(tests.families)
+            if one[0].name not in taken and np.isfinite(one[1])
+        ]
         scan = min(tests.scans, key=attrgetter("log_p"))
         relative = scan.log_p - float(np.log(self.level / ACTUATORS))
         found = min(candidates, key=lambda one: one[1] - one[0].limit, default=None)
@@ -326,7 +329,7 @@ class Search:
         conditional = self.projection.conditional_on(column_indices(others))
         found: dict[tuple[str, int | None, str], tuple[EffectCandidate, float]] = {}
         taken = {item.name, *(other.name for other in others)}
-        candidates = list(self._candidates(self._family_tests(conditional)))
+        candidates = list(list_candidates(self._family_tests(conditional)))
         if item.scan is None and item.strut is not None:
             solution = self._solution_given(others)
             scan = self._scan(solution, item.strut)
