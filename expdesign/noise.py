@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import scipy.linalg as sla
+import scipy
 
 from constraints.arrays import Array, ComplexArray
 
@@ -298,7 +298,7 @@ def between(own: Array, wanted: Array) -> Array:
 
 
 def _root(matrix: Array) -> Array:
-    values, vectors = sla.eigh((matrix + matrix.T) / 2)
+    values, vectors = scipy.linalg.eigh((matrix + matrix.T) / 2)
     return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
 
 

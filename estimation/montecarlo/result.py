@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-import pandas as pd
 import scipy
 from pydantic import ConfigDict
 
@@ -186,12 +185,12 @@ class RepetitionTable(CsvFile[tuple[Repetition, ...], None]):
 
     def write(self, folder: Path, content: tuple[Repetition, ...]) -> list[Path]:
         """Write the rows."""
-        return self.write_frame(folder, self.frame(content))
+        return self.write_rows(folder, self.rows(content))
 
-    def frame(self, repetitions: tuple[Repetition, ...]) -> pd.DataFrame:
+    def rows(self, repetitions: tuple[Repetition, ...]) -> list[list[Any]]:
         """Return the rows."""
         blank = np.full(len(self.parameters), np.nan)
-        rows = [
+        return [
             [
                 repetition.number,
                 estimator,
@@ -206,7 +205,6 @@ class RepetitionTable(CsvFile[tuple[Repetition, ...], None]):
             for repetition in repetitions
             for estimator, outcome in repetition.outcomes.items()
         ]
-        return pd.DataFrame(rows, columns=list(self.names)).astype({"harmonics": "Int64"})
 
 
 class _WrittenRepetitions(Place):

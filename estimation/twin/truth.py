@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-import pandas as pd
 from pydantic import ConfigDict, PlainSerializer, PlainValidator
 
 from constraints.arrays import Array
@@ -67,21 +66,25 @@ def write_measurement(
     With a run they have the columns, units, signs, order and header of its section `data`.
     """
     if configuration is None:
-        write_csv(path, pd.DataFrame(measurement.channels))
+        _write_columns(path, measurement.channels)
         return
     section, names = configuration.run.data, headings(configuration)
     channels = file_channels(measurement, section, configuration.robot)
-    table = pd.DataFrame(
-        {
-            names.get(name, (name, ""))[0]: values
-            for name, values in channels.items()
-            if name in section.channels
-        }
-    )
+    table = {
+        names.get(name, (name, ""))[0]: values
+        for name, values in channels.items()
+        if name in section.channels
+    }
     header = section.header
     if header.names is not None:
-        table = table.reindex(columns=header.names, fill_value=0)
-    write_csv(path, table, section.delimiter, section.decimal, header)
+        zeros = np.zeros(len(measurement.time), dtype=int)
+        table = {name: table.get(name, zeros) for name in header.names}
+    _write_columns(path, table, section.delimiter, section.decimal, header)
+
+
+def _write_columns(path: Path, columns: Mapping[str, Array], *form: Any) -> None:
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    write_csv(path, list(columns), rows, *form)
 
 
 def headings(configuration: RunConfiguration) -> dict[str, tuple[str, str]]:

@@ -17,7 +17,7 @@ from expdesign.cli.activity import Activity, left_text
 from expdesign.configuration import RunConfiguration
 from expdesign.experiment.precision import precision_in_words
 from expdesign.information.criteria import Criterion, criteria
-from expdesign.recheck.limit_check import TOLERANCE, range_share_in_words
+from expdesign.recheck.limit_check import TOLERANCE
 from expdesign.solver.phases import PHASE_TITLES, SearchEvent
 from expdesign.solver.search import FINISHED, REFINED, groups
 from expdesign.solver.starts import GIVEN_UP
@@ -175,16 +175,12 @@ class SearchDisplay:
         )
 
     def _text(self, event: SearchEvent) -> str:
-        """Return the state of a start in words."""
+        """Return the state of a start, or of all rough searches, in words."""
         if event.status:
             return f"{self._name(event)}: {event.status}"
-        beyond = "within the limits"
-        if event.violation > 0:
-            beyond = f"a limit exceeded by {range_share_in_words(event.violation)}"
-        return (
-            f"no result yet; {self._name(event)}: {_phase(event)}, iteration {_iteration(event)}, "
-            f"{beyond}"
-        )
+        if event.phase == "waiting":
+            return f"no result yet; {len(self._rough)} of {self._starts} rough searches done"
+        return f"no result yet; {self._name(event)}: {_phase(event)}, iteration {_iteration(event)}"
 
     def _left(self) -> str:
         """Return how long the search will take still; empty while that is not known.

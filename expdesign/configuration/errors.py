@@ -196,16 +196,17 @@ def value_problem(details: ErrorDetails) -> tuple[str, str | None, str | None]:
 
 
 def format_number(found: object, newest: int) -> int:
-    """Return a file's format number; refuse any other than that of this version."""
-    if isinstance(found, bool) or not isinstance(found, int) or found < 0:
+    """Return a file's format number; refuse any other than that of this version.
+
+    A file without a number was made by an earlier version.
+    """
+    number = 0 if found is None else found
+    if isinstance(number, bool) or not isinstance(number, int) or number < 0:
         raise refusal(f"{quote(found)} is not a format number", f"the whole number {newest}")
-    if found != newest:
-        made = "a newer" if found > newest else "an earlier"
-        raise refusal(
-            f"the file was made by {made} version of expdesign (format {found}); run it again",
-            f"format {newest}",
-        )
-    return found
+    if number != newest:
+        made = "a newer version" if number > newest else "an earlier version; run it again"
+        raise refusal(f"the file was made by {made}", f"format {newest}")
+    return number
 
 
 def key_path(key: Key) -> str:

@@ -166,16 +166,23 @@ def _names_in(code: CodeType) -> frozenset[str]:
 @cache
 def _instructions(code: CodeType) -> str:
     """Return a digest of the instructions with their arguments: docstrings are none of them."""
-    text = [
-        f"{code.co_argcount} {code.co_posonlyargcount} {code.co_kwonlyargcount} {code.co_flags}"
-    ]
-    for instruction in dis.get_instructions(code):
-        argument = instruction.argval
-        if isinstance(argument, CodeType):
-            argument = _instructions(argument)
-        elif isinstance(argument, frozenset):
-            argument = sorted(argument, key=repr)
-        elif instruction.opname == "IMPORT_NAME" and argument.partition(".")[0] not in _LIBRARIES:
+    counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
+    names = code.co_names, code.co_varnames, code.co_cellvars, code.co_freevars
+    found: list[object] = [counts, names, code.co_code, code.co_exceptiontable]
+    higher = 0
+    for operation, low in zip(code.co_code[::2], code.co_code[1::2], strict=True):
+        argument = higher << 8 | low
+        higher = argument if operation == dis.EXTENDED_ARG else 0
+        if operation in _WITH_CONSTANT:
+            constant = code.co_consts[argument]
+            if isinstance(constant, CodeType):
+                constant = _instructions(constant)
+            elif isinstance(constant, frozenset):
+                constant = sorted(constant, key=repr)
+            found.append(constant)
+        elif operation == _IMPORT and code.co_names[argument].partition(".")[0] not in _LIBRARIES:
             raise _NoKeyError
-        text.append(f"{instruction.opname} {argument!r}")
-    return hashlib.sha256("\0".join(text).encode()).hexdigest()
+    return hashlib.sha256(repr(found).encode()).hexdigest()
+
+
+_WITH_CONSTANT, _IMPORT = frozenset(dis.hasconst), dis.opmap["IMPORT_NAME"]

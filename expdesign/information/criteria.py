@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp, softmax
+import scipy
 
 from constraints.arrays import Array
 from constraints.plugins import declarations
@@ -114,8 +114,8 @@ def log_sum_exp(logs: Array, power: float) -> tuple[float, Array, Array]:
     >>> round(value, 4), gradient.tolist()
     (0.6931, [0.25, 0.25, 0.25, 0.25])
     """
-    value = float(logsumexp(power * logs)) / abs(power)
-    weights = softmax(power * logs)
+    value = float(scipy.special.logsumexp(power * logs)) / abs(power)
+    weights = scipy.special.softmax(power * logs)
     sign = np.sign(power)
     hessian = abs(power) * (np.diag(weights) - np.multiply.outer(weights, weights))
     return value, sign * weights, hessian

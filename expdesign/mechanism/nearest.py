@@ -22,8 +22,8 @@ from typing import Any
 
 import clarabel
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from constraints.arrays import Array
 from expdesign.mechanism.bodies import MachineBodies
@@ -221,7 +221,7 @@ class Projection:
             ]
         )
         count, drifts = self.factor.shape[1], self._hidden.shape[1]
-        cost = sparse.diags_array([1.0] * count + [_DRIFT] * drifts + [0.0], format="csc")
+        cost = scipy.sparse.diags_array([1.0] * count + [_DRIFT] * drifts + [0.0], format="csc")
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.max_threads = 1
@@ -238,7 +238,7 @@ class Projection:
         return clarabel.DefaultSolver(
             cost,
             np.zeros(rows.shape[1]),
-            sparse.csc_array(rows),
+            scipy.sparse.csc_array(rows),
             np.zeros(len(rows)),
             cones,
             settings,

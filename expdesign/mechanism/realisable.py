@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
-import scipy.linalg as sla
+import scipy
 
 from constraints.arrays import Array
 from expdesign.mechanism.bodies import (
@@ -157,9 +157,8 @@ class Realisable:
     def _slider_mass(self, whole: Array, least: float) -> float:
         """Return a mass of a slider, kg, that leaves a platform of the pseudo-inertia `whole`."""
         try:
-            share = float(
-                sla.eigh(self.sliders / self._unit, whole / self._unit, eigvals_only=True)[-1]
-            )
+            own, whole = self.sliders / self._unit, whole / self._unit
+            share = float(scipy.linalg.eigh(own, whole, eigvals_only=True)[-1])
         except np.linalg.LinAlgError:
             return least  # a platform at the limit of what a body is
         return (least + max(least, 1 / share)) / 2 if share > 0 else least

@@ -22,10 +22,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from pydantic_core import to_json
+from pydantic_core import PydanticCustomError, to_json
 
 from expdesign.configuration import InputError, Problem
 from expdesign.configuration.document import read_text
+from expdesign.configuration.errors import format_number
 
 FORMAT = "format"
 """The key of the format number in a JSON file."""
@@ -113,15 +114,23 @@ def write_json(path: Path, data: Any) -> None:
 def json_text(data: Any, **options: Any) -> str:
     r"""Return JSON, arrays as lists; numbers that JSON does not have (NaN, ±inf) become null.
 
-    `options` are further ones of `pydantic_core.to_json`.
+    `options` are further ones of `pydantic_core.to_json`. Anything else, such as a set, whose order
+    would change from run to run, is a `TypeError`.
 
     >>> import numpy as np
     >>> print(json_text({"rate": np.array([1.0, np.nan])}).replace("\n", ""))
     {  "rate": [    1.0,    null  ]}
     """
-    # json.dumps takes ten times as long with an indent.
+    # json.dumps refuses what is not JSON, and with an indent takes ten times as long as to_json.
+    json.dumps(data, default=_as_list)
     options = {"indent": 2, "inf_nan_mode": "null", **options}
-    return to_json(data, fallback=lambda value: value.tolist(), **options).decode()
+    return to_json(data, fallback=_as_list, **options).decode()
+
+
+def _as_list(value: Any) -> Any:
+    if not hasattr(value, "tolist"):
+        raise TypeError(f"a {type(value).__name__} has no form in JSON")
+    return value.tolist()
 
 
 class MissingFileError(InputError):
@@ -180,11 +189,10 @@ def check_format(path: Path, found: object, current: int) -> None:
     InputError
         `found` is not the current number.
     """
-    if found == current and not isinstance(found, bool):
-        return
-    if isinstance(found, int) and found > current:
-        raise InputError("made by a newer version of expdesign", path, key=FORMAT)
-    raise InputError("made by an earlier version; run it again", path, key=FORMAT)
+    try:
+        format_number(found, current)
+    except PydanticCustomError as refused:
+        raise InputError(refused.message(), path, key=FORMAT) from refused
 
 
 def foreign_access(status: os.stat_result, *, above: bool = False) -> str:

@@ -8,9 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
-import lazy_loader
 import numpy as np
 from pydantic import ValidationError
 
@@ -28,11 +27,6 @@ from expdesign.runfolder.files import (
     read_mapping,
     write_json,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
-else:  # workers of a search have no tables
-    pd = lazy_loader.load("pandas")
 
 COLUMNS_FILE = "columns.json"
 """Unit and meaning of every column of every table of a folder, and the tables' formats."""
@@ -100,10 +94,15 @@ class CsvFile(Generic[Written, Found]):
         """Return whether a folder has the file."""
         return (folder / self.file).is_file()
 
-    def write_frame(self, folder: Path, frame: pd.DataFrame) -> list[Path]:
-        """Write the file and describe its columns in `columns.json`; return both paths."""
+    def write_rows(
+        self, folder: Path, rows: Iterable[Sequence[object]], more: Iterable[str] = ()
+    ) -> list[Path]:
+        """Write the file and describe its columns in `columns.json`; return both paths.
+
+        `more` are the names of further columns.
+        """
         path = folder / self.file
-        write_csv(path, frame)
+        write_csv(path, [*self.names, *more], rows)
         return [path, describe_tables(folder, [self])]
 
     def _read(self, folder: Path, *, some: bool = False) -> tuple[Cells, dict[str, Array]]:
@@ -169,7 +168,7 @@ class RowTable(CsvFile[Iterable[Row], tuple[Row, ...]], Generic[Row]):
             for key, rows in blocks.items()
             for row in rows
         ]
-        return self.write_frame(folder, pd.DataFrame(cells, columns=list(self.names), dtype=object))
+        return self.write_rows(folder, cells)
 
     def read(self, folder: Path) -> tuple[Row, ...]:
         """Read the rows."""
@@ -252,8 +251,7 @@ class ArrayTable(CsvFile[Block, Block], Generic[Block]):
             np.asarray(getattr(content, name), dtype=np.float64).reshape(-1, len(columns))
             for name, columns in field_columns(self.block)
         ]
-        frame = pd.DataFrame(np.concatenate(parts, axis=1), columns=list(self.names))
-        return self.write_frame(folder, frame)
+        return self.write_rows(folder, np.concatenate(parts, axis=1).tolist())
 
     def read(self, folder: Path) -> Block:
         """Read the arrays; every number is finite."""
@@ -286,11 +284,14 @@ class MatrixTable(CsvFile[Matrices, tuple[tuple[tuple[str, ...], ...], tuple[str
         Each has the cells of the columns on the left, row by row; the names of the further
         columns; and their numbers.
         """
-        frames = []
-        for keys, names, matrix in content:
-            left = pd.DataFrame(list(keys), columns=list(self.names))
-            frames.append(pd.concat([left, pd.DataFrame(matrix, columns=list(names))], axis=1))
-        return self.write_frame(folder, pd.concat(frames, ignore_index=True))
+        blocks = list(content)
+        more = dict.fromkeys(name for _, names, _ in blocks for name in names)
+        rows = [
+            [*key, *map(dict(zip(names, values, strict=True)).get, more)]
+            for keys, names, matrix in blocks
+            for key, values in zip(keys, matrix.tolist(), strict=True)
+        ]
+        return self.write_rows(folder, rows, more)
 
     def read(self, folder: Path) -> tuple[tuple[tuple[str, ...], ...], tuple[str, ...], Array]:
         """Return the cells on the left row by row, the further columns' names, the numbers."""
@@ -343,24 +344,32 @@ def _refuse_large(path: Path, cells: Cells, name: str, values: Array) -> None:
 
 def write_csv(
     path: Path,
-    table: pd.DataFrame,
+    names: Sequence[str],
+    rows: Iterable[Sequence[object]],
     delimiter: str = ",",
     decimal: str = ".",
     header: Header | None = None,
 ) -> None:
     """Write a table with all digits of its numbers (`repr`), by default comma-separated.
 
-    Lines of a header other than that of the names are empty.
+    Cells without a value (None or NaN) are empty, and so are lines of a header other than that of
+    the names.
     """
     header = header or Header()
-    form: dict[str, Any] = {"sep": delimiter, "decimal": decimal, "index": False}
-    form["lineterminator"] = "\n"
     with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, delimiter=delimiter, lineterminator="\n")
         file.write("\n" * header.before)
         if header.names is None:
-            table.iloc[:0].to_csv(file, **form)
+            writer.writerow(names)
         file.write("\n" * header.after)
-        table.to_csv(file, header=False, **form)
+        writer.writerows([_cell(value, decimal) for value in row] for row in rows)
+
+
+def _cell(value: Any, decimal: str) -> Any:
+    if value is None or value != value:  # noqa: PLR0124 - NaN
+        return ""
+    commas = decimal != "." and isinstance(value, float)
+    return str(value).replace(".", decimal) if commas else value
 
 
 def describe_tables(folder: Path, tables: Iterable[CsvFile[Any, Any]]) -> Path:

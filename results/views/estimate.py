@@ -78,7 +78,7 @@ def _truth(folder: RunFolder, result: EstimateFile) -> Truth | None:
     """Return the truth when the estimate is of the folder's simulated experiment."""
     sources = [PurePath(recording.source).name for recording in result.recordings]
     own = folder.has("experiment") and sources == ["measurement.csv"]
-    return folder.result(Truth) if own and folder.configuration.run.data.file is None else None
+    return folder.result(Truth) if own and folder.configuration.run.data.recording is None else None
 
 
 def estimates_table(result: EstimationResult, truth: Mapping[str, float] | None) -> ReportTable:

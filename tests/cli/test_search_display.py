@@ -79,16 +79,16 @@ def test_a_search_is_described_in_the_words_of_a_user(display, every_line):
     display.report(event("sharp", 1234.0, place=(3, 3), of_round=(2, 20), violation=0.0))
     console = Console(file=io.StringIO(), width=100)
     console.print(display._picture())
+    display.report(event("waiting", 1240.0))
     display.report(event("done", float("inf"), "given up: behind"))
     display.report(event("done", 1300.0, "converged", motion=4))
     display.report(event("finished", 1250.0, "every limit kept", violation=-1e-5, motion=2))
-    blunt, sharp, given_up, first, done, last = said(display).splitlines()
+    blunt, sharp, waiting, given_up, first, done, last = said(display).splitlines()
     assert PHASE_TITLES["blunt"] in blunt
-    assert "iteration 7 of 80" in blunt
-    assert "a limit exceeded by 0.1 % of its range" in blunt
+    assert blunt.endswith("iteration 7 of 80")
     assert PHASE_TITLES["sharp"] in sharp
-    assert "2 of 20" in sharp
-    assert sharp.endswith("within the limits")
+    assert sharp.endswith("2 of 20")
+    assert waiting.endswith("no result yet; 1 of 3 rough searches done")
     assert "given up: behind" in given_up
     assert "start 1 of 3: mass ± 4 %, within the limits" in first
     assert done.endswith("best: mass ± 4 %")
@@ -96,7 +96,17 @@ def test_a_search_is_described_in_the_words_of_a_user(display, every_line):
     assert "1 finished" in last
     texts = said(display) + console.file.getvalue()
     assert "limits" in console.file.getvalue()
-    for word in ("90.5", "1234", "1300", "1250", "condition", "log det", "smoothed", "objective"):
+    for word in (
+        "90.5",
+        "1234",
+        "1240",
+        "1300",
+        "1250",
+        "condition",
+        "log det",
+        "smoothed",
+        "objective",
+    ):
         assert word not in texts
     assert display._starts_ended == 2
     assert display._best.objective == 1250

@@ -417,7 +417,7 @@ def test_a_resolved_run_states_its_format_and_a_users_needs_none(tmp_path):
     ("found", "says"),
     [
         (RUN_FORMAT + 1, "was made by a newer version"),
-        (0, "was made by an earlier version of expdesign (format 0); run it again"),
+        (0, "was made by an earlier version; run it again"),
         ("one", "'one' is not a format number"),
         (-1, "-1 is not a format number"),
         (True, "True is not a format number"),

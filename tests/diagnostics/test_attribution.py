@@ -8,6 +8,7 @@ from estimation.diagnostics.attribution import attribute
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.hypotheses import parameter_hypothesis
 from estimation.diagnostics.hypothesis import evaluate_hypothesis
+from estimation.diagnostics.search import Search
 from estimation.measurement_model.motion import NormalEquations
 from tests.diagnostics.conftest import Laboratory
 
@@ -109,6 +110,34 @@ def test_a_wrong_parameter_is_named_on_held_out_data(laboratory, sound, name, fa
     sentences = [f.sentence for f in result.verdict.failed if "parameters" in f.assumption]
     assert len(sentences) == 1
     assert name in sentences[0]
+
+
+def test_the_search_goes_on_if_an_exchange_leaves_few_causes(laboratory, sound, monkeypatch):
+    """Two causes are found where one is believed, and one of them is left after the exchange."""
+    exchange, rounds = Search.exchange_for_rivals, []
+
+    def leave_one_at_first(self, found):
+        rounds.append({item.parameter for item in found})
+        found, rivals = exchange(self, found)
+        return (found[:1], rivals[:1]) if len(rounds) == 1 else (found, rivals)
+
+    monkeypatch.setattr(Search, "exchange_for_rivals", leave_one_at_first)
+    monkeypatch.setattr("estimation.diagnostics.attribution._MOST_CAUSES", 1)
+    _, estimate = sound
+    held = laboratory.experiment(laboratory.measure(50))
+    names, values = laboratory.knowledge.names, estimate.values.copy()
+    values[names.index("p10")] *= 1.2
+    values[names.index("r3")] *= 0.5
+    result = diagnose(
+        laboratory.robot,
+        [held],
+        laboratory.knowledge,
+        replace(estimate, values=values),
+        held_out=True,
+    )
+    assert rounds == [{"p10", "r3"}] * 2
+    found = {effect.parameter for effect in result.recordings[0].attribution.effects}
+    assert found == {"p10", "r3"}
 
 
 @pytest.mark.parametrize("estimator", ["ls", "ml"])

@@ -1,5 +1,7 @@
 """A small experiment: two harmonics, three periods of 120 samples."""
 
+import pandas as pd
+
 from estimation.montecarlo.result import RepetitionTable
 from expdesign.configuration import load_run
 from tests.twin.examples import motion
@@ -25,7 +27,8 @@ def small(repetitions=4, estimate=None, montecarlo=None, **more):
 
 def repetition_rows(study):
     """Return the rows of `tables/montecarlo_repetitions.csv`."""
-    return RepetitionTable("", "", tuple(study.truth)).frame(study.repetitions)
+    table = RepetitionTable("", "", tuple(study.truth))
+    return pd.DataFrame(table.rows(study.repetitions), columns=list(table.names))
 
 
 class Watcher:

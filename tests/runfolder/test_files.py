@@ -7,11 +7,10 @@ import re
 import stat
 import subprocess
 import sys
+from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 import pytest
-from pydantic_core import PydanticSerializationError
 
 from expdesign.runfolder.files import (
     atomic_write,
@@ -22,6 +21,12 @@ from expdesign.runfolder.files import (
 )
 from expdesign.runfolder.manifest import text_hash
 from expdesign.runfolder.tables import write_csv
+
+
+@dataclass(frozen=True)
+class Point:
+    x: float
+    y: float
 
 
 def names(folder):
@@ -40,11 +45,12 @@ def test_nothing_is_half_written_when_the_writer_raises(tmp_path, error):
     assert names(tmp_path) == []
 
 
-def test_the_old_file_stays_when_the_writer_raises(tmp_path):
+@pytest.mark.parametrize("value", [object(), {1, 2}, Point(1.0, 2.0)])
+def test_the_old_file_stays_when_the_writer_raises(tmp_path, value):
     path = tmp_path / "old.json"
     write_text(path, "old")
-    with pytest.raises(PydanticSerializationError):
-        write_json(path, {"fine": 1, "not": object()})
+    with pytest.raises(TypeError, match=f"a {type(value).__name__} has no form in JSON"):
+        write_json(path, {"fine": 1, "not": [value]})
     assert path.read_text() == "old"
     assert names(tmp_path) == ["old.json"]
 
@@ -113,7 +119,7 @@ def test_json_and_csv_keep_all_digits(tmp_path):
     values = np.random.default_rng(0).normal(size=50) * 10.0 ** np.arange(-25, 25)
     write_json(tmp_path / "data.json", values)
     assert json.loads((tmp_path / "data.json").read_text()) == values.tolist()
-    write_csv(tmp_path / "data.csv", pd.DataFrame({"value": values}))
+    write_csv(tmp_path / "data.csv", ["value"], values[:, None].tolist())
     lines = (tmp_path / "data.csv").read_bytes().decode().split("\n")
     assert lines[0] == "value"
     assert [float(line) for line in lines[1:-1]] == values.tolist()
