@@ -98,14 +98,15 @@ def fill_view(axes: Any, view: View) -> None:
     for one in others:  # the extent is found by drawing the figure
         one.set_visible(False)
     aspect, zoom = np.diff([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])[:, 0], 1.0
+    used = view_extent(axes)
     for _ in range(_FITS):
-        used = view_extent(axes)
         zoom *= min(width / used.width, height / used.height)
         axes.set_box_aspect(aspect, zoom=zoom)
-        used, place = view_extent(axes), axes.get_position(original=True)
-        x = place.x0 + left + width / 2 - (used.x0 + used.x1) / 2
-        y = place.y0 + bottom + height / 2 - (used.y0 + used.y1) / 2
-        axes.set_position((x, y, place.width, place.height))
+        used = view_extent(axes)
+    place = axes.get_position(original=True)
+    x = place.x0 + left + width / 2 - (used.x0 + used.x1) / 2
+    y = place.y0 + bottom + height / 2 - (used.y0 + used.y1) / 2
+    axes.set_position((x, y, place.width, place.height))
     for one in others:
         one.set_visible(True)
 
