@@ -184,3 +184,19 @@ def test_forces_behind_a_fast_filter_are_late(number):
     outcome = outcome_of(CLEAN["palida"], "low_pass", 5e-4, number)
     assert not outcome.accepted
     assert outcome.named_among(CASES["low_pass"].kinds)
+
+
+@pytest.mark.parametrize(
+    ("effect", "size", "number"),
+    [
+        ("direction_friction", 0.04, 6),
+        pytest.param("length_delays", 1.5e-4, 8, marks=pytest.mark.slow),
+    ],
+)
+def test_neither_noise_nor_another_secant_makes_a_wrong_cause_certain(effect, size, number):
+    """A tilt by noise that is significant at 1 %; a low pass of a late length."""
+    outcome = outcome_of(CLEAN["palida"], effect, size, number)
+    assert outcome.named_among(CASES[effect].kinds)
+    assert any(kind not in CASES[effect].kinds for kind, *_ in outcome.effects)
+    assert any(certain for *_, certain in outcome.effects)
+    assert not outcome.wrong_and_sure(CASES[effect].kinds)
