@@ -20,12 +20,12 @@ from estimation.channels.lag import delay_error
 from estimation.channels.model import ChannelModel
 from estimation.channels.report import (
     changed_keys,
+    correct_force_unit,
     describe_channel_lag,
     describe_faults,
     describe_force_scale,
     describe_lag,
     flow,
-    force_unit,
     shortened,
 )
 from estimation.channels.search import ChannelSearch
@@ -101,6 +101,8 @@ class ChannelCheck:
     """Sentence on a lag of the forces that may be a delay, a filter or both; empty: none."""
     force_scale: str = ""
     """Sentence on a factor of all forces that no machine of the kind has; empty: none."""
+    silent: str = ""
+    """Sentence on forces that do not follow the motion; empty: all of them do."""
     least_lag: Callable[[], float] = lambda: 0.0
     """Returns the smallest lag of the forces that this recording would have shown, s."""
     clock: str = ""
@@ -115,15 +117,14 @@ class ChannelCheck:
         """Return the keys of the section that is right, without defaults, as in a run file."""
         return shortened(section.model_dump(exclude_defaults=True) | self.keys)
 
-    def with_force_unit(self, section: DataSection, unit: tuple[str, str] | None) -> ChannelCheck:
-        """Add the unit that all forces certainly have, and a sentence on it, to the faults."""
+    def with_force_unit(self, unit: tuple[str, dict[str, Any]] | None) -> ChannelCheck:
+        """Add a sentence on the unit that all forces certainly have, and its key."""
         if unit is None:
             return self
-        units = self.keys.get("units", section.units) | {"Q": unit[0]}
         return replace(
             self,
-            faults=(*self.faults, ("Q", unit[1])),
-            keys=self.keys | {"units": units},
+            faults=(*self.faults, ("Q", unit[0])),
+            keys=self.keys | unit[1],
             sure=self.sure or not self.faults,
             force_scale="",
         )
@@ -189,8 +190,7 @@ def check_channels(
     """
     home = robot.inverse_kinematics(robot.home)
     zeros = home if section.length_offsets == "home" else np.array(section.length_offsets)
-    least_zeros, least_delay = _least_faults(robot, home, recording.step)
-    least = least_zeros, least_delay
+    least = _least_faults(robot, home, recording.step)
     model = ChannelModel(robot, recording, noise, harmonics, zeros, *least)
     from_home = not (model.possible or np.any(zeros))
     if from_home:
@@ -218,16 +218,21 @@ def check_channels(
     named = replace(found.lengths, offsets=np.zeros(ACTUATORS)) if from_home else found.lengths
     faults = tuple(describe_faults(replace(found, lengths=named), late_error, gain_errors))
     margin = found.next_best - found.excess
-    sure = left < _LEFT and margin > max(_CLEAR * left, model.least_decrease)
     # Channels that explain mean forces alone, behind a low pass of all variation, are not certain.
-    sure = sure and found.channel_lag is None and of_found > _LEAST_CERTAIN_SHARE
-    sure = sure and float(np.max(gain_errors)) < _LEAST_CERTAIN_GAIN
+    sure = (
+        (left < _LEFT and margin > max(_CLEAR * left, model.least_decrease))
+        and (found.channel_lag is None and of_found > _LEAST_CERTAIN_SHARE)
+        and float(np.max(gain_errors)) < _LEAST_CERTAIN_GAIN
+    )
     shown = explained, as_given, noise_share
     accepted = explained >= _EXPLAINED and (sure or not none)
-    scale = "" if none else describe_force_scale(robot, *model.nominal_scale(given))
-    least_lag = partial(search.least_lag, found, _EXPLAINED / (1 - _EXPLAINED))
+    factor = model.nominal_scale(found if accepted else given)
+    has_unit = "Q" in has_units
+    scale = "" if none else describe_force_scale(robot, *factor, has_unit=has_unit)
     if not (accepted and (faults or from_home)):
-        check = ChannelCheck((), {}, False, *shown, none, lag if accepted else "", scale, least_lag)
+        check = ChannelCheck((), {}, False, *shown, none, lag if accepted else "", scale)
+        least_lag = partial(search.least_lag, found, _EXPLAINED / (1 - _EXPLAINED))
+        check = replace(check, least_lag=least_lag)
     else:
         stated = "q" in has_units or not section.units.keys().isdisjoint({"q", *LENGTH_CHANNELS})
         keys = dict(changed_keys(section, found, zeros, stated))
@@ -236,11 +241,9 @@ def check_channels(
             sure = sure and not search.undecided
             faults = ("q", _unstated_zeros(found.lengths, undecided=search.undecided)), *faults
             keys = {"offset": "home"} | keys
-        check = ChannelCheck(faults, keys, sure, *shown, lag=lag)
-    if check.unexplained or "Q" in has_units:
-        return check
-    factor = model.nominal_scale(found if accepted else given)
-    return check.with_force_unit(section, force_unit(robot, section, *factor))
+        check = ChannelCheck(faults, keys, sure, *shown, lag=lag, force_scale=scale)
+    corrected = partial(correct_force_unit, robot, section, check.keys, *factor)
+    return check.with_force_unit(None if check.unexplained else corrected(has_unit=has_unit))
 
 
 def _lag_in_words(robot: Robot, section: DataSection, found: Candidate, *, ambiguous: bool) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from constraints.arrays import Array, Mask
 from estimation.channels.wiring import UNITS, Candidate, ChannelLag
 from estimation.diagnostics.finding import join_words
 from estimation.diagnostics.plausibility import advise_on_scale, is_far, misread_unit
+from estimation.processing import NoiseModel, PeriodicRecording
 from expdesign.configuration.estimate import FORCE_CHANNELS, DataSection
 from expdesign.configuration.tolerances import RobotTolerances
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -20,6 +21,8 @@ _SHOWN_ERROR = 0.005
 """Smallest relative standard deviation of a scale that is shown."""
 _SHOWN = 0.02
 """Smallest part of a lag that is stated."""
+_LOUD = 10.0
+"""Median variance of the forces over the period, in terms of noise, for one without it to show."""
 _ALIKE = 0.8
 """Smallest square of the cosine between forces of a machine and those of its robot file."""
 
@@ -222,20 +225,61 @@ def describe_channel_lag(lag: ChannelLag, section: DataSection) -> str:
     )
 
 
-def describe_force_scale(robot: Robot, factor: float, alike: float) -> str:
-    """Return the sentence on a factor between measured forces and those of the robot file."""
-    if alike < _ALIKE or not is_far(factor):
+def describe_silent_forces(recording: PeriodicRecording, noise: NoiseModel) -> str:
+    """Return the sentence on forces that do not follow the motion, where most others do."""
+    forces, variances = recording.forces, np.diag(noise.forces.covariance)
+    signal = np.var(forces.values, axis=0) / (variances * np.mean(1 / forces.counts))
+    silent = _numbers(signal < 1 + 4 * np.sqrt(2 / len(forces.values)))
+    if not silent or np.median(signal) < _LOUD or noise.forces.includes_model_error:
         return ""
+    place = join_words(f"Q{number}" for number in silent)
+    verb = "do" if len(silent) > 1 else "does"
     return (
-        f"the forces are about {factor:.2g} times those of the robot file: "
-        f"{advise_on_scale(factor, robot.description.drive.torque_per_force)}"
+        f"{place} {verb} not follow the motion: only noise varies there. Is the sensor connected, "
+        "and is it the column of a measured force?"
     )
 
 
-def force_unit(
-    robot: Robot, section: DataSection, factor: float, alike: float
-) -> tuple[str, str] | None:
-    """Return the unit of all forces by their factor, and a sentence on it; None: not certain."""
-    if alike < _ALIKE or not section.units.keys().isdisjoint(FORCE_CHANNELS):
+def describe_force_scale(robot: Robot, factor: float, alike: float, *, has_unit: bool) -> str:
+    """Return the sentence on a factor between measured forces and those of the robot file.
+
+    Where the file has their unit, a scale corrects them.
+    """
+    if alike < _ALIKE or not is_far(factor):
+        return ""
+    advice = advise_on_scale(factor, robot.description.drive.torque_per_force)
+    if has_unit and factor > 0:
+        scale = f"`data.scale: {{Q: {1 / factor:.2g}}}`"
+        advice = f"the unit in the file is wrong ({scale}), or the masses of the robot file are"
+    return f"the forces are about {factor:.2g} times those of the robot file: {advice}"
+
+
+def correct_force_unit(
+    robot: Robot,
+    section: DataSection,
+    keys: Mapping[str, Any],
+    factor: float,
+    alike: float,
+    *,
+    has_unit: bool,
+) -> tuple[str, dict[str, Any]] | None:
+    """Return a sentence on the unit of all forces by their factor, and the key that corrects it.
+
+    Keys are those of the section that other faults change. The key is a scale where the file or
+    the section states a unit. None: not certain.
+    """
+    found = misread_unit(factor, robot.description.drive.torque_per_force)
+    if alike < _ALIKE or found is None:
         return None
-    return misread_unit(factor, robot.description.drive.torque_per_force)
+    if not has_unit and section.units.keys().isdisjoint(FORCE_CHANNELS):
+        return found.sentence, {"units": keys.get("units", section.units) | {"Q": found.unit}}
+    scales = keys.get("scale", {key: list(section.channel_scales(key)) for key in ("q", "Q")})
+    scales = scales if isinstance(scales, dict) else {"q": scales, "Q": scales}
+    own = scales.get("Q", [1] * ACTUATORS)
+    scales |= {"Q": [float(f"{found.gain * each:.6g}") for each in own]}
+    size, word = _misreading(found.gain)
+    return (
+        f"the forces are in another unit than the stated one: they are read {size:.4g} times too "
+        f"{word}",
+        {"scale": {key: each for key, each in scales.items() if each != [1] * ACTUATORS}},
+    )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 import scipy
@@ -321,7 +321,7 @@ class ForceScale:
 def is_far(factor: float) -> bool:
     """Return whether no other machine of the kind has forces that differ by such a factor."""
     size = abs(factor)
-    return factor < 0 or not 1 / _FAR < size < _FAR or _unit_of(size) is not None
+    return factor < 0 or not 1 / _FAR < size < _FAR or _unit_of(size)[0] is not None
 
 
 def advise_on_scale(factor: float, torque_per_force: float | None, *, far: bool = True) -> str:
@@ -333,8 +333,7 @@ def advise_on_scale(factor: float, torque_per_force: float | None, *, far: bool 
             "`data.sign: {Q: -1}`, or a negative `data.force_constants`), or gravity and the z "
             "axis point the other way"
         )
-    unit = _unit_of(size)
-    words += (sentence for _, sentence in _misread_units(size, torque_per_force))
+    words += (each.sentence for each in _misread_units(size, torque_per_force))
     if size <= 1 / _FAR:
         words.append(
             "currents were read as newtons (`data.units: {Q: A}` with `data.force_constants` "
@@ -347,15 +346,24 @@ def advise_on_scale(factor: float, torque_per_force: float | None, *, far: bool 
             "`data.units`; peak or effective currents, gear, lead), or correct the a-priori "
             "masses of the robot file"
         )
-    elif size >= _FAR and unit is None:
+    elif size >= _FAR and _unit_of(size)[0] is None:
         words.append(
             "the force constants (`data.force_constants`) are too large by about that factor"
         )
     return "; or ".join(words)
 
 
-def misread_unit(factor: float, torque_per_force: float | None) -> tuple[str, str] | None:
-    """Return the unit of the forces, and a sentence on it, by a factor that no machine has.
+class MisreadUnit(NamedTuple):
+    """Unit of values that were read as another."""
+
+    unit: str
+    gain: float
+    """Factor that corrects the values that were read."""
+    sentence: str
+
+
+def misread_unit(factor: float, torque_per_force: float | None) -> MisreadUnit | None:
+    """Return the unit of the forces by a factor that no machine has.
 
     None: no unit has the factor, several have it, or the forces of another machine could.
     """
@@ -363,32 +371,37 @@ def misread_unit(factor: float, torque_per_force: float | None) -> tuple[str, st
     return found[0] if len(found) == 1 and not 1 / _FAR < factor < _FAR else None
 
 
-def _misread_units(factor: float, torque_per_force: float | None) -> Iterator[tuple[str, str]]:
-    """Yield units whose values were read as others, by the factor of all forces, with sentences."""
+def _misread_units(factor: float, torque_per_force: float | None) -> Iterator[MisreadUnit]:
+    """Yield units whose values were read as others, by the factor of all forces."""
     turn = 0.0 if torque_per_force is None else float(np.log(torque_per_force))
     if turn and abs(np.log(factor) - turn) < _NEAR:
-        yield "N m", "torques in N m were read as newtons (`data.units: {Q: N m}`)"
+        text = "torques in N m were read as newtons (`data.units: {Q: N m}`)"
+        yield MisreadUnit("N m", np.exp(-turn), text)
     elif turn and abs(np.log(factor) + turn) < _NEAR:
-        yield "N", "forces in newtons were read as torques (`data.units: {Q: N}`)"
-    unit = _unit_of(factor)
+        text = "forces in newtons were read as torques (`data.units: {Q: N}`)"
+        yield MisreadUnit("N", np.exp(turn), text)
+    unit, gain = _unit_of(factor)
     if unit == FORCE.unit:
-        yield unit, "the forces are in newtons, and `data.units` says another unit"
+        text = "the forces are in newtons, and `data.units` says another unit"
+        yield MisreadUnit(unit, gain, text)
     elif unit is not None:
         key = f"`data.units: {{Q: {unit}}}`"
-        yield unit, f"the forces are in another unit, by the factor in {unit} ({key})"
+        text = f"the forces are in another unit, by the factor in {unit} ({key})"
+        yield MisreadUnit(unit, gain, text)
 
 
-def _unit_of(factor: float) -> str | None:
-    """Return the unit whose values were read as newtons, by the factor of all parameters.
+def _unit_of(factor: float) -> tuple[str | None, float]:
+    """Return the unit of values that were read as newtons, by the factor of all parameters.
 
-    The result is newtons if values in newtons were read as another unit.
+    With the factor that corrects them. The unit is newtons if values in newtons were read as
+    another unit.
     """
     if 1 / _LARGE < factor < _LARGE:
-        return None
+        return None, 1.0
     sizes = {unit: FORCE.parse(f"1 {unit}") for unit in FORCE.units}
     near = {unit: abs(np.log(factor * size)) for unit, size in sizes.items()}
     unit = min(near, key=near.__getitem__)
     if near[unit] < _NEAR:
-        return unit
-    swapped = min(abs(np.log(factor / size)) for size in sizes.values())
-    return FORCE.unit if swapped < _NEAR else None
+        return unit, sizes[unit]
+    swapped = min(sizes.values(), key=lambda size: abs(np.log(factor / size)))
+    return (FORCE.unit, 1 / swapped) if abs(np.log(factor / swapped)) < _NEAR else (None, 1.0)

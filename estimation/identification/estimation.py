@@ -609,7 +609,8 @@ def _warnings(
             )
             if own.includes_model_error and single is None
         ]
-        found += [where + warning for warning in (*recording.warnings, check.lag) if warning]
+        notes = (*recording.warnings, check.silent, check.lag)
+        found += [where + warning for warning in notes if warning]
         if recording.experiment.harmonics_left_out:
             found.append(
                 f"{where}the forces show {recording.experiment.harmonics} harmonics of the motion, "

@@ -20,6 +20,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.channels.check import ChannelCheck, check_channels
 from estimation.channels.lag import slow_low_pass_warning
+from estimation.channels.report import describe_silent_forces
 from estimation.data.measurement import Measurement
 from estimation.estimators import Experiment, ParameterPriors, linear_estimate
 from estimation.estimators.experiment import MotionEstimate
@@ -63,6 +64,8 @@ from expdesign.trajectory import FourierTrajectory
 
 _CUTOFF = 3.0
 """Cutoff of the Butterworth filter in units of the highest frequency of the motion."""
+_COPIED = 1 - 1e-6
+"""Correlation of the noise of two channels from which on one is a copy of the other."""
 _RESIDUAL_ROUNDS = 3
 
 
@@ -211,7 +214,8 @@ def check_recording(
     planned = configuration.run.trajectory.harmonics if design is None else design.harmonics
     harmonics = configuration.run.estimate.harmonics or planned
     section = configuration.run.data
-    return check_channels(robot, section, *folded, harmonics, design, has_units=has_units)
+    check = check_channels(robot, section, *folded, harmonics, design, has_units=has_units)
+    return replace(check, silent=describe_silent_forces(*folded))
 
 
 @dataclass(frozen=True, eq=False)
@@ -505,7 +509,14 @@ def _refuse_singular(letter: str, noise: NoiseEstimate, file: Path | None) -> No
     if still := [f"{letter}{j + 1}" for j in np.flatnonzero(noise.still)]:
         message = f"{', '.join(still)}: the recording shows no noise at all in this channel"
     elif noise.is_singular:
-        message = f"the noise of {letter}1 … {letter}6 is not that of six independent sensors"
+        std = np.sqrt(np.diag(noise.covariance))
+        alike = np.abs(noise.covariance) > _COPIED * np.outer(std, std)
+        pairs = [f"{letter}{i + 1} and {letter}{j + 1}" for i, j in np.argwhere(np.triu(alike, 1))]
+        message = (
+            f"{', '.join(pairs)} have the same noise"
+            if pairs
+            else f"the noise of {letter}1 … {letter}6 is not that of six independent sensors"
+        )
     else:
         return
     allowed = "six channels that were measured, or noise: given"

@@ -181,6 +181,11 @@ def test_a_unit_of_all_forces_is_named_by_the_factor(factor, words):
     assert not found.faults
     assert words in found.force_scale
     assert bool(words) == bool(found.force_scale)
+    both = check_along_the_design(
+        counted_otherwise(recording(1, 0.2), sign=factor * np.array(SECOND))
+    )
+    assert both.keys == {"sign": {"Q": SECOND}}
+    assert both.force_scale == found.force_scale
 
 
 @pytest.mark.parametrize("sign", [[1] * 6, SECOND])
@@ -198,7 +203,23 @@ def test_a_unit_that_no_other_forces_have_is_a_fault_with_its_section(factor, un
     assert found.keys == {**signs, "units": {"Q": unit}}
     assert f"`data.units: {{Q: {unit}}}`" in found.faults[-1][1]
     stated = check_channels(robot, case.run.data, *folded, 2, MOTION, has_units=("Q",))
-    assert stated.keys == signs, "the recording's file has another unit"
+    scale = {"kN": 1e3, "mN": 1e-3, "N m": 2 * np.pi / LEAD}[unit]
+    assert stated.sure
+    assert stated.keys == {**signs, "scale": {"Q": pytest.approx([scale] * 6, rel=1e-5)}}
+
+
+@pytest.mark.parametrize("silent", [(), (3,), (1, 5)])
+def test_a_force_that_does_not_follow_the_motion_is_named(silent):
+    data = recording(1, 0.2)
+    forces = data.forces.copy()
+    for strut in silent:
+        noise = np.random.default_rng(strut).normal(0, 3, len(forces))
+        forces[:, strut] = forces[:, strut].mean() + noise
+    case = run({"estimators": ["ls"]})
+    found = estimate_parameters(case, replace(data, forces=forces), MOTION)
+    names = " and ".join(f"Q{strut + 1}" for strut in silent)
+    assert found.channels[0].silent.startswith(names)
+    assert bool(names) == bool(found.channels[0].silent)
 
 
 @pytest.mark.parametrize("sign", [[1] * 6, SECOND])

@@ -120,7 +120,9 @@ def _without_noise(data, kind):
     return replace(data, forces=forces)
 
 
-@pytest.mark.parametrize(("kind", "words"), [("still", "Q3"), ("copy", "six independent sensors")])
+@pytest.mark.parametrize(
+    ("kind", "words"), [("still", "Q3"), ("copy", "Q2 and Q3 have the same noise")]
+)
 def test_a_singular_covariance_of_the_noise(kind, words):
     motion = trajectory(100, 0.01)
     data = _without_noise(measured(motion, 1, step=0.01), kind)
