@@ -339,11 +339,11 @@ class Search:
             one for one in candidates if one[0].name not in taken and one[1] < np.log(RIVAL_LEVEL)
         ]
         refined = self._refine_best([one for one in candidates if one[0].fits_constant], others)
-        names = {one.name for one in refined}
-        candidates = [one for one in candidates if one[0].name not in names]
         if item.hypothesis.sized_by_constant:
-            # Of few samples a secant over a whole step may fit better than one of this size.
             refined += self._size_secants(candidates, others)
+        # Within a step few samples show a jump of dry friction: a longer secant may fit better.
+        names = {one.name for one in refined if one.fits_constant or abs(one.constant) > self.step}
+        candidates = [one for one in candidates if one[0].name not in names]
         candidates += [(one, self.conditional_log_p(one, others)) for one in refined]
         conditional = self.projection.conditional_on(column_indices(others))
         for rival, log_p in candidates:
