@@ -26,12 +26,12 @@ from functools import partial
 
 import numpy as np
 import scipy
-import scipy.linalg as sla
 from numpy.typing import NDArray
 from scipy.special import erf
 
 from constraints.arrays import Array, ComplexArray
-from estimation.measurement_model import HarmonicMotion, Motion
+from estimation.measurement_model import HarmonicMotion, Motion, SplineMotion
+from estimation.measurement_model.banded import BandedInverse
 from estimation.measurement_model.motion import NormalEquations, Rows, Samples, whiten_rows
 from estimation.measurement_model.prediction import (
     chunks,
@@ -40,6 +40,7 @@ from estimation.measurement_model.prediction import (
     sliding_kernel,
     sliding_rate_kernel,
 )
+from estimation.measurement_model.spline import MotionCovariance
 from estimation.processing import NoiseEstimate, PeriodicRecording
 from expdesign.configuration import ComputationError
 from expdesign.information.fisher import whitening
@@ -69,7 +70,7 @@ class MotionFit:
     """A motion fitted to measured lengths."""
 
     motion: Motion
-    covariance: Array
+    covariance: MotionCovariance
     """(x, x), of ξ."""
     residuals: Array
     """(S, 6), measured minus fitted lengths, m."""
@@ -85,7 +86,8 @@ class MotionFit:
         equations: NormalEquations,
     ) -> MotionFit:
         """Return a motion with its covariance by the equations of the lengths there."""
-        covariance = np.asarray(np.linalg.inv(equations.matrix), dtype=np.float64)
+        inverse = BandedInverse.of if isinstance(motion, SplineMotion) else np.linalg.inv
+        covariance = inverse(equations.matrix)
         return cls(motion, covariance, length_residuals(robot, recording, motion))
 
     @property
@@ -142,7 +144,7 @@ def converge(
     present = length_equations(robot, recording, noise, motion)
     for _ in range(_STEPS):
         try:
-            step = np.asarray(sla.solve(present.matrix, present.gradient, assume_a="pos"))
+            step = present.eliminate(0).offset
         except np.linalg.LinAlgError as error:
             raise MotionFitError("the lengths do not determine the motion") from error
         decrement = float(step @ present.gradient)
@@ -272,7 +274,7 @@ def _highest_needed(fit: MotionFit, least: int, level: float) -> int:
     for harmonic in range(count, least, -1):
         places = np.concatenate([order[:, harmonic], order[:, count + harmonic]])
         amplitudes = fit.series.table.ravel()[places]
-        block = fit.covariance[np.ix_(places, places)]
+        block = np.asarray(fit.covariance)[np.ix_(places, places)]
         statistic = float(amplitudes @ np.linalg.solve(block, amplitudes))
         if scipy.stats.chi2.sf(statistic, len(places)) < level:
             return harmonic
@@ -446,7 +448,7 @@ _STILL = 5.0
 
 
 def rate_spread(
-    robot: Robot, motion: Motion, recording: PeriodicRecording, covariance: Array
+    robot: Robot, motion: Motion, recording: PeriodicRecording, covariance: MotionCovariance
 ) -> Array:
     """Return the standard deviations of the same rates, (S, s), from Cov(ξ), (x, x).
 

@@ -371,7 +371,7 @@ def _length_residuals(
         first = int(np.count_nonzero(case.part.free))
         root = system.solution.root[first : first + case.part.motion_columns.shape[2]]
     else:
-        root = root_of_covariance(experiment.fit.covariance)
+        root = root_of_covariance(np.asarray(experiment.fit.covariance))
     columns = case.filtered.length_columns * np.sqrt(case.filtered.length_counts)[:, None, None]
     expected = ResidualCovariance.of(experiment.noise.lengths, columns, root, fitted=True)
     return case.filtered.lengths, expected

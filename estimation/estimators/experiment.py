@@ -11,6 +11,7 @@ from estimation.kinematics import MotionFit, PointwiseMotion, expected_signs, ra
 from estimation.measurement_model import Motion
 from estimation.measurement_model.motion import NormalEquations
 from estimation.measurement_model.prediction import held_regressor_kernel
+from estimation.measurement_model.spline import MotionCovariance
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodicRecording, PeriodSource
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.robot import Robot
@@ -27,14 +28,18 @@ class MotionEstimate:
     """Motion of a recording with its uncertainty."""
 
     motion: Motion
-    covariance: Array
+    covariance: MotionCovariance
     """(x, x), covariance of its unknowns."""
     spread: Array
     """(S, s), standard deviations of the rates of friction at the force samples."""
 
     @classmethod
     def of(
-        cls, robot: Robot, recording: PeriodicRecording, motion: Motion, covariance: Array
+        cls,
+        robot: Robot,
+        recording: PeriodicRecording,
+        motion: Motion,
+        covariance: MotionCovariance,
     ) -> MotionEstimate:
         """Return a motion with the spread of the rates of a robot's terms."""
         return cls(motion, covariance, rate_spread(robot, motion, recording, covariance))

@@ -26,6 +26,7 @@ from estimation.estimators.experiment import Experiment
 from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate
+from estimation.measurement_model.banded import dense
 from estimation.measurement_model.motion import NormalEquations
 from estimation.processing import NoiseEstimate
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -160,7 +161,7 @@ class _Fit:
         count = len(self.problem.joint_priors.precision)
         if not self.problem.constants:
             return self.linear
-        data = sum(each.matrix[:count, :count] for each in self.equations)
+        data = sum(dense(each.matrix[:count, :count]) for each in self.equations)
         return self.problem.joint_priors.precision + data
 
     @cached_property
@@ -210,8 +211,8 @@ def _influence(fit: _Fit, number: int) -> Influence:
     motion, length_gain, force_gain = None, None, gain
     if experiment.fit is not None:
         motion, count = experiment.fit.motion, gain.shape[1]
-        matrix = fit.equations[number].matrix
-        length_gain = -gain @ matrix[:count, count:] @ experiment.fit.covariance
+        cross = dense(fit.equations[number].matrix[count:, :count]) @ gain.T
+        length_gain = -(experiment.fit.covariance @ cross).T
         if problem.constants:
             force_gain = np.pad(gain, ((0, 0), (0, motion.unknowns)))
             length_gain = np.pad(length_gain, ((0, 0), (len(problem.constants), 0)))

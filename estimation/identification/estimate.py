@@ -210,7 +210,7 @@ def _recording(prepared: PreparedRecording, fingerprint: str) -> EstimatedRecord
         averaged=recording.averaged,
         periods=float(recording.periods),
         omega=float(recording.omega if motion is None else motion.omega),
-        omega_std=float(np.sqrt(fit.covariance[-1, -1])) if fit and free else None,
+        omega_std=float(np.sqrt(np.asarray(fit.covariance)[-1, -1])) if fit and free else None,
         period_source=recording.source.value,
         jitter=float(prepared.jitter),
         harmonics=prepared.harmonics,

@@ -311,7 +311,7 @@ def _fit_motion(
         if noise.lengths.includes_model_error:
             lengths = recording.lengths
             rest = lengths.as_recorded(fit.residuals)
-            found = residual_noise(rest, lengths.counts, len(fit.covariance))
+            found = residual_noise(rest, lengths.counts, fit.motion.unknowns)
             noise = replace(noise, lengths=lengths.noise_before_sensors(found))
         if remaining:
             start = fit.series

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg as sla
 from scipy import sparse
 
 from constraints.arrays import Array
@@ -20,11 +19,13 @@ from estimation.estimators.experiment import MotionEstimate
 from estimation.estimators.joint_equations import PerturbedMachine
 from estimation.kinematics import MotionFit, MotionFitError, converge
 from estimation.measurement_model import Motion, SplineMotion
+from estimation.measurement_model.banded import BandedInverse
 from estimation.measurement_model.motion import NormalEquations, root_of_pseudo_inverse
 from estimation.measurement_model.spline import DEGREE, SplineSamples
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodicRecording
 from estimation.processing.autoregression import AutoregressiveFilter, autoregressive_noise
 from expdesign.configuration.estimate import SpectrumOrigin
+from expdesign.information.fisher import whitening
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import ForwardKinematicsError, Robot
 
@@ -76,7 +77,7 @@ def fit_spline(
     fit = converge(robot, recording, smooth.scatter if noise is None else noise.as_white(), motion)
     if noise is not None:
         return fit, noise
-    freedom = len(fit.residuals) - len(fit.covariance) / fit.residuals.shape[1]
+    freedom = len(fit.residuals) - fit.motion.unknowns / fit.residuals.shape[1]
     own = NoiseEstimate(fit.residuals.T @ fit.residuals / freedom, freedom, "residuals")
     return converge(robot, recording, own, fit.motion), own
 
@@ -244,7 +245,7 @@ def _motion_certainty(robot: Robot, experiment: Experiment, values: Array) -> Ar
     found = PerturbedMachine.exact(robot).forces(experiment, fit.motion, values, slice(None))
     if not isinstance(found.sampled, SplineSamples):
         raise TypeError("the motion has no period")
-    variance = found.sampled.spread(found.slope, fit.covariance) ** 2
+    variance = found.sampled.spread(found.slope, fit.motion.factor(fit.covariance)) ** 2
     ratio = np.max(variance / np.diag(experiment.noise.forces.covariance), axis=1)
     return np.minimum(1.0, (1 + np.median(ratio)) / (1 + ratio))
 
@@ -279,11 +280,16 @@ def _joint_estimate(
     level = np.inf
     for _ in range(_ROUNDS):
         joint = equations(motion, values)
-        scale = np.sqrt(np.diag(joint.matrix))
-        scaled = joint.matrix / np.multiply.outer(scale, scale)
-        factor = np.linalg.cholesky(scaled + _DETERMINED * np.eye(len(scale)))
-        step = sla.cho_solve((factor, True), joint.gradient / scale) / scale
-        errors = sla.solve_triangular(factor, drawn, trans="T", lower=True) / scale[:, None]
+        inner = BandedInverse.of(joint.matrix[count:, count:], _DETERMINED)
+        reduced = joint.eliminate(count, _DETERMINED)
+        least = _DETERMINED * np.diag(joint.matrix.diagonal()[:count])
+        root = whitening(reduced.matrix + least).T
+        move = root @ (root.T @ reduced.gradient)
+        step = np.concatenate([move, reduced.offset - reduced.slope @ move])
+        through = reduced.slope @ root
+        errors = np.concatenate(
+            [root @ drawn[:count], inner.colour(drawn[count:]) - through @ drawn[:count]]
+        )
         short = float(step @ joint.gradient) < len(values)
         for halvings in range(_HALVINGS + 1):
             share, next_values = 0.5**halvings * step, values.copy()
@@ -293,9 +299,7 @@ def _joint_estimate(
             if short or equations(next_motion, next_values).cost < joint.cost:
                 break
         values, motion = next_values, next_motion
-        inverse = sla.cho_solve((factor, True), np.eye(len(scale))[:, count:])[count:]
-        covariance = inverse / np.multiply.outer(scale[count:], scale[count:])
-        refined = MotionEstimate.of(robot, recording, motion, covariance)
+        refined = MotionEstimate.of(robot, recording, motion, replace(inner, root=through))
         present = replace(present, refined_motion=refined)
         if present.noise.forces.includes_model_error:
             present = _weigh_signs(robot, present, present.noise.forces, values)

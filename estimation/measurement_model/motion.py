@@ -15,9 +15,16 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg as sla
 from numpy.typing import NDArray
+from scipy import sparse
 
 from constraints.arrays import Array, ComplexArray
-from estimation.measurement_model.spline import Filter, SplineMotion, SplineSamples
+from estimation.measurement_model.banded import BandedInverse, Matrix, dense
+from estimation.measurement_model.spline import (
+    Filter,
+    MotionCovariance,
+    SplineMotion,
+    SplineSamples,
+)
 from expdesign.information.fisher import ScaledInformation, whitening
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
@@ -90,9 +97,9 @@ class HarmonicMotion:
         """Return λ, (S, 6), at the times given, s."""
         return PhaseBasis.at(self.omega * times, self.harmonics).value @ self.table.T
 
-    def factor(self, covariance: Array) -> Array:
+    def factor(self, covariance: MotionCovariance) -> Array:
         """Return the root of Cov(ξ) that `MotionSamples.spread` takes, (x, x)."""
-        return np.asarray(np.linalg.cholesky(covariance + 0.0), dtype=np.float64)
+        return np.linalg.cholesky(np.asarray(covariance))
 
     def at(self, times: Array) -> MotionSamples:
         """Return the motion at the times given, s."""
@@ -251,7 +258,7 @@ class MotionColumns:
 
     def products(
         self, residuals: Array, weights: Array, whitening_filter: Filter | None = None
-    ) -> Array:
+    ) -> Matrix:
         """Return (r, U)ᵀ W (r, U), (1 + k + x, 1 + k + x), with residuals r, (S, 6).
 
         `weights` are D with W = DᵀD, (6, 6) or (S, 6, 6). Only a spline's columns are filtered.
@@ -344,8 +351,8 @@ class NormalEquations:
 
     cost: float
     """Σ c rᵀ Σ⁻¹ r."""
-    matrix: Array
-    """(u, u), N = Σ c Uᵀ Σ⁻¹ U."""
+    matrix: Matrix
+    """(u, u), N = Σ c Uᵀ Σ⁻¹ U; sparse with a spline, whose part has a band."""
     gradient: Array
     """(u,), g = Σ c Uᵀ Σ⁻¹ r."""
 
@@ -358,7 +365,7 @@ class NormalEquations:
         A filter whitens their noise first; it needs all samples of a period.
         """
         white = whitening(covariance)
-        products = np.zeros(())
+        products: Matrix = np.zeros(())
         local = None
         if whitening_filter is not None and whitening_filter.lag is not None:
             parts, local = [_join_rows(parts)], whitening_filter
@@ -374,7 +381,8 @@ class NormalEquations:
                 both = local(both)
             rows = whiten_rows(both, white, counts).reshape(-1, both.shape[2])
             products = products + rows.T @ rows
-        return cls(float(products[0, 0]), products[1:, 1:], products[1:, 0])
+        first = dense(products[:1])[0]
+        return cls(float(first[0]), products[1:, 1:], first[1:])
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
         """Add independent information on the same unknowns, or on the first of them."""
@@ -387,8 +395,13 @@ class NormalEquations:
     def add_block(self, other: NormalEquations, own: slice) -> NormalEquations:
         """Add independent information on some of the unknowns."""
         matrix, gradient = self.matrix.copy(), self.gradient.copy()
-        matrix[own, own] += other.matrix
         gradient[own] += other.gradient
+        if isinstance(matrix, sparse.sparray):
+            block, places = sparse.coo_array(other.matrix), np.arange(len(gradient))[own]
+            at = tuple(places[each] for each in block.coords)
+            matrix = matrix + sparse.csr_array((block.data, at), shape=matrix.shape)
+        else:
+            matrix[own, own] += other.matrix
         return NormalEquations(self.cost + other.cost, matrix, gradient)
 
     def select(self, unknowns: Sequence[int] | NDArray[np.intp] | slice) -> NormalEquations:
@@ -405,13 +418,18 @@ class NormalEquations:
             ξ is not determined.
         """
         inner = self.matrix[kept:, kept:]
-        outer, cross = self.matrix[:kept, :kept], self.matrix[kept:, :kept]
-        if not len(inner):
+        outer, cross = (
+            dense(self.matrix[part, :kept]) for part in (slice(kept), slice(kept, None))
+        )
+        if not inner.shape[0]:
             return Elimination(0.0, outer, self.gradient, cross, self.gradient[kept:])
-        diagonal = np.sqrt(np.diag(inner))
-        scaled = inner / np.multiply.outer(diagonal, diagonal) + damping * np.eye(len(diagonal))
-        right = np.column_stack([cross, self.gradient[kept:]]) / diagonal[:, None]
-        solved = sla.cho_solve(sla.cho_factor(scaled), right) / diagonal[:, None]
+        right = np.column_stack([cross, self.gradient[kept:]])
+        if isinstance(inner, sparse.sparray):
+            solved = BandedInverse.of(inner, damping) @ right
+        else:
+            size = np.sqrt(np.diag(inner))
+            scaled = inner / np.multiply.outer(size, size) + damping * np.eye(len(size))
+            solved = sla.cho_solve(sla.cho_factor(scaled), right / size[:, None]) / size[:, None]
         slope, offset = solved[:, :-1], solved[:, -1]
         gradient = self.gradient[:kept] - cross.T @ offset
         return Elimination(0.0, outer - cross.T @ slope, gradient, slope, offset)

@@ -1,7 +1,7 @@
 """Motion without a period: B-splines of the pose on equidistant knots.
 
 The coefficients of the quintic B-splines are the unknowns ξ. A sample depends on six of them per
-coordinate: normal equations and variances are summed over blocks of neighbouring samples.
+coordinate: normal equations have a band, and are summed over blocks of neighbouring samples.
 """
 
 from __future__ import annotations
@@ -13,11 +13,15 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 from scipy.interpolate import BSpline, PPoly
 
 from constraints.arrays import Array
+from estimation.measurement_model.banded import BandedInverse, Matrix
 from expdesign.mechanism.hexapod import COORDINATES
 
+MotionCovariance = Array | BandedInverse
+"""Of ξ; that of a spline is not written down."""
 DEGREE = 5
 """Of the polynomials between knots: the accelerations are cubic and smooth."""
 _ACTIVE = DEGREE + 1
@@ -49,7 +53,7 @@ class Filter(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class SplineMotion:
-    """The kinematic unknowns ξ of a recording without a period: the table row by row."""
+    """The kinematic unknowns ξ of a recording without a period: the table column by column."""
 
     table: Array
     """(6, K), coefficients of each pose coordinate: m, rad."""
@@ -84,15 +88,17 @@ class SplineMotion:
 
     def add_step(self, step: Array) -> SplineMotion:
         """Return the motion with ξ + step."""
-        return replace(self, table=self.table + step.reshape(self.table.shape))
+        return replace(self, table=self.table + step.reshape(-1, COORDINATES).T)
 
     def poses(self, times: Array) -> Array:
         """Return λ, (S, 6), at the times given, s."""
         return self.at(times).pose()
 
-    def factor(self, covariance: Array) -> Array:
-        """Return what `SplineSamples.spread` takes of Cov(ξ): all of it."""
-        return covariance
+    def factor(self, covariance: MotionCovariance) -> Array:
+        """Return the blocks of Cov(ξ) that `SplineSamples.spread` takes, those of each interval."""
+        if not isinstance(covariance, BandedInverse):
+            raise TypeError("the covariance of a spline is that of banded equations")
+        return covariance.blocks(_ACTIVE * COORDINATES, COORDINATES)
 
     def at(self, times: Array) -> SplineSamples:
         """Return the motion at the times given, s; beyond the knots the polynomials continue."""
@@ -158,17 +164,13 @@ class SplineSamples:
 
     def apply_steps(self, slope: Array, steps: Array) -> Array:
         """Return the effect of steps of ξ, (x, t), on quantities with these slopes: (S, r, t)."""
-        tables = steps.reshape(*self.motion.table.shape, -1)
+        tables = steps.reshape(-1, COORDINATES, steps.shape[1]).transpose(1, 0, 2)
         return slope @ self._derivatives(tables, 0, slope.shape[2] // COORDINATES)
 
-    def spread(self, slope: Array, covariance: Array) -> Array:
-        """Return the standard deviations of quantities with these slopes, (S, r), from Cov(ξ)."""
-        parts = []
-        for rows in self._blocks(0):
-            _, local, places = self._window(slope, rows, 0)
-            own = covariance[np.ix_(places, places)]
-            parts.append(np.sqrt(np.einsum("sra,ab,srb->sr", local, own, local, optimize=True)))
-        return np.concatenate(parts)
+    def spread(self, slope: Array, factor: Array) -> Array:
+        """Return the standard deviations of quantities with these slopes, (S, r)."""
+        local = self._active(slope).reshape(*slope.shape[:2], -1)
+        return np.sqrt(np.sum(np.matmul(local, factor[self.first]) * local, axis=2))
 
     def products(
         self,
@@ -176,25 +178,35 @@ class SplineSamples:
         slope: Array,
         weights: Array,
         whitening_filter: Filter | None = None,
-    ) -> Array:
+    ) -> Matrix:
         """Return UᵀWU of the filtered columns U: dense ones, (S, 6, u), then those of ξ.
 
         `slope` are the slopes to the pose and its derivatives, (S, 6, 6 n); `weights` are D with
-        W = DᵀD, (6, 6) or (S, 6, 6).
+        W = DᵀD, (6, 6) or (S, 6, 6). The products of ξ have a band.
         """
         count, lag = dense.shape[2], 0
         if whitening_filter is not None:
             lag = whitening_filter.lag or 0
         weights = np.broadcast_to(weights, (len(self.times), *weights.shape[-2:]))
-        result = np.zeros(2 * (count + self.motion.unknowns,))
+        size, blocks = count + self.motion.unknowns, []
         for rows in self._blocks(lag):
-            window, local, places = self._window(slope, rows, lag)
-            both = np.concatenate([dense[window], local], axis=2)
+            window = slice(max(rows.start - lag, 0), rows.stop)
+            begin = int(self.first[window.start])
+            active = int(self.first[rows.stop - 1]) + _ACTIVE - begin
+            both = np.concatenate(
+                [dense[window], self._local(slope, window, begin, active)], axis=2
+            )
             if whitening_filter is not None:
                 both = whitening_filter.block(both, rows, rows.start - window.start)
             white = np.matmul(weights[rows], both).reshape(-1, both.shape[2])
-            own = np.concatenate([np.arange(count), count + places])
-            result[own[:, None], own] += white.T @ white
+            own = np.arange(count, both.shape[2]) + COORDINATES * begin
+            places = np.broadcast_to(np.append(np.arange(count), own), (both.shape[2],) * 2)
+            blocks.append((white.T @ white, places.T, places))
+        data, row, column = (
+            np.concatenate([each.ravel() for each in k]) for k in zip(*blocks, strict=True)
+        )
+        result = sparse.csr_array((data, (row, column)), shape=(size, size))
+        result.eliminate_zeros()
         return result
 
     def _blocks(self, lag: int) -> Iterator[slice]:
@@ -207,23 +219,17 @@ class SplineSamples:
             yield slice(begin, end)
             begin = end
 
-    def _window(self, slope: Array, rows: slice, lag: int) -> tuple[slice, Array, NDArray[np.intp]]:
-        """Return a block with the samples before it, its columns of ξ, and their places in ξ."""
-        window = slice(max(rows.start - lag, 0), rows.stop)
-        begin = int(self.first[window.start])
-        active = int(self.first[rows.stop - 1]) + _ACTIVE - begin
-        whole = np.arange(self.motion.unknowns).reshape(self.motion.table.shape)
-        places = whole[:, begin : begin + active].ravel()
-        return window, self._local(slope, window, begin, active), places
+    def _active(self, slope: Array, window: slice = slice(None)) -> Array:
+        """Return the columns of the active functions, (n, r, 6, 6), for samples of a window."""
+        own = slope[window]
+        by_order = own.reshape(*own.shape[:2], -1, COORDINATES)
+        basis = self.basis[window, : by_order.shape[2]]
+        return np.einsum("srdc,sdk->srkc", by_order, basis)
 
     def _local(self, slope: Array, window: slice, begin: int, active: int) -> Array:
         """Return the columns of the functions from `begin` on, (n, r, 6 active)."""
-        own, basis, first = slope[window], self.basis[window], self.first[window] - begin
-        samples, rows, depth = own.shape
-        by_order = own.reshape(samples, rows, depth // COORDINATES, COORDINATES)
-        narrow = np.einsum("srdc,sdk->srck", by_order, basis[:, : by_order.shape[2]])
-        wide = np.zeros((samples, rows, COORDINATES, active))
-        np.put_along_axis(
-            wide, (first[:, None] + np.arange(_ACTIVE))[:, None, None], narrow, axis=3
-        )
-        return wide.reshape(samples, rows, COORDINATES * active)
+        narrow, first = self._active(slope, window), self.first[window] - begin
+        wide = np.zeros((*narrow.shape[:2], active, COORDINATES))
+        places = (first[:, None] + np.arange(_ACTIVE))[:, None, :, None]
+        np.put_along_axis(wide, places, narrow, axis=2)
+        return wide.reshape(*narrow.shape[:2], -1)

@@ -149,7 +149,9 @@ class _Spread:
         diagonal = variance / part.counts + part.sign_variance[:, channel]
         factor = np.zeros((len(part.counts), 0))
         if fit is not None:
-            factor = part.motion_columns[:, channel] @ np.linalg.cholesky(fit.covariance)
+            factor = part.motion_columns[:, channel] @ np.linalg.cholesky(
+                np.asarray(fit.covariance)
+            )
         lines, contrasts, freedom = None, np.inf, noise.freedom
         if noise.lines is not None and noise.lines.samples == len(part.counts):
             recorded = experiment.recording.forces.recorded_lines(noise.lines).matrices

@@ -278,7 +278,7 @@ def test_filtered_equations_are_those_of_the_whole_matrices():
     weights = np.kron(np.eye(count), np.linalg.inv(noise.covariance))
     weight = operation.T @ weights @ operation
     flat, residual = whole.reshape(6 * count, -1), rest.ravel()
-    np.testing.assert_allclose(found.matrix, flat.T @ weight @ flat, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(found.matrix.toarray(), flat.T @ weight @ flat, rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(found.gradient, flat.T @ weight @ residual, rtol=1e-9, atol=1e-6)
     adjoint = noise.filter.adjoint(unit).reshape(6 * count, -1)
     np.testing.assert_allclose(adjoint, operation.T, atol=1e-12)
