@@ -28,7 +28,6 @@ from estimation.diagnostics.joint_system import (
     ConditionalScores,
     EffectFit,
     JointSystem,
-    Places,
     motion_last,
 )
 from estimation.diagnostics.linearisation import (
@@ -39,7 +38,7 @@ from estimation.diagnostics.linearisation import (
 from estimation.diagnostics.residual_covariance import empirical_noise, with_empirical_colour
 from estimation.diagnostics.residuals import HarmonicLackOfFit, harmonic_lack_of_fit
 from estimation.diagnostics.significance import HARMONIC_LACK_OF_FIT, are_possible, log_tail
-from estimation.diagnostics.whitened_rows import RowWhitening
+from estimation.diagnostics.whitened_rows import Places, RowWhitening
 from estimation.estimators import Experiment, ParameterPriors
 from estimation.measurement_model.motion import (
     Elimination,

@@ -28,7 +28,6 @@ from estimation.diagnostics.finding import Assumption
 from estimation.diagnostics.joint_system import (
     ConditionalScores,
     EffectFit,
-    Places,
     SolvedSystem,
 )
 from estimation.diagnostics.linearisation import Linearisation, Signature
@@ -40,6 +39,7 @@ from estimation.diagnostics.significance import (
     log_tail,
     noncentrality,
 )
+from estimation.diagnostics.whitened_rows import Places
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import parameter_unit, term_definitions
 from expdesign.runfolder import OpenNumber, OpenNumbers, described
@@ -447,7 +447,6 @@ def _pair_statistic(
     system = solved.system
     # zᵀ W e* of a column z in this actuator alone.
     residual = system.force_rows.apply_weights(solved.force_rest[:, :, None])[:, strut, 0]
-    factors = solved.explained[strut]
     weight = system.force_rows.quadratic(strut)
     one = np.ones((1, len(length)))
     whole = float(weight(one, one)[0])
@@ -456,9 +455,7 @@ def _pair_statistic(
         angle = 2 * np.pi * np.multiply.outer(np.atleast_1d(frequencies), length)
         sin, cos = np.sin(angle), np.cos(angle)
         scores = np.stack([sin @ residual, cos @ residual], axis=1)
-        sin_mixed, cos_mixed = (
-            np.concatenate([wave @ factor for factor in factors], axis=1) for wave in (sin, cos)
-        )
+        sin_mixed, cos_mixed = (solved.explain(strut, wave) for wave in (sin, cos))
         ss = weight(sin, sin) - np.sum(sin_mixed**2, axis=1)
         sc = weight(sin, cos) - np.sum(sin_mixed * cos_mixed, axis=1)
         cc = weight(cos, cos) - np.sum(cos_mixed**2, axis=1)

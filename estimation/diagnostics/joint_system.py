@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array
 from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.diagnostics.whitened_rows import Matrix, RowWhitening, SignElimination
+from estimation.diagnostics.whitened_rows import Places, RowWhitening, SignElimination
 from estimation.measurement_model.motion import NormalEquations, root_of_pseudo_inverse
 from estimation.processing import NoiseModel
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -37,7 +37,6 @@ DETERMINED = 1e-12
 
 SEEN = 1e-6
 """Smallest share of an effect's information that must remain given all other unknowns."""
-Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,8 +264,7 @@ class SolvedSystem:
         )
         if "explained" in self.__dict__:
             own = system.force_rows.apply_weights(system.split(left)[0])
-            known = enumerate(self.explained)
-            solved.__dict__["explained"] = [[*each, own[:, j]] for j, each in known]
+            solved.__dict__["explained"] = np.concatenate([self.explained, own], axis=2)
         return solved
 
     def fit(self, effects: Signature) -> EffectFit:
@@ -278,12 +276,17 @@ class SolvedSystem:
         return self.system.force_rows.unscale(self.force_rest)
 
     @cached_property
-    def explained(self) -> list[list[Matrix]]:
-        """Factors F of each actuator: of a column z in it Σ |zᵀ F|² is explained, of zᵀ W z."""
-        system, signs = self.system, self.system.signs
-        own = system.force_rows.apply_weights(system.force_columns) @ self.root
-        others = [[]] * ACTUATORS if signs is None else [[each] for each in signs.weighted]
-        return [[own[:, actuator], *each] for actuator, each in enumerate(others)]
+    def explained(self) -> Array:
+        """(R, 6, r), factors F: of a column z in the forces Σ |zᵀ F|² is explained, of zᵀ W z."""
+        system = self.system
+        return system.force_rows.apply_weights(system.force_columns) @ self.root
+
+    def explain(self, actuator: int, waves: Array) -> Array:
+        """Return zᵀ F of columns in one actuator, (q, R), with those of unknown signs, (q, r)."""
+        own, signs = waves @ self.explained[:, actuator], self.system.signs
+        if signs is None:
+            return own
+        return np.concatenate([own, signs.explain(actuator, waves)], axis=1)
 
 
 def joint_systems(
@@ -355,6 +358,11 @@ class EffectProjection:
     def information(self) -> Array:
         """(q, q), I."""
         return self.gram - self.mixed @ self.mixed.T
+
+    def select(self, places: Places) -> EffectProjection:
+        """Return the effects at some indices."""
+        own = self.rows[:, places], self.mixed[places], self.whole[places]
+        return EffectProjection(*own, self.rest, self.freedom)
 
     def append(self, other: EffectProjection) -> EffectProjection:
         """Append effects of the same system, keeping computed products."""

@@ -13,8 +13,8 @@ and a prediction of held-out data those with Cov(e_j) = σ_j² 1 + U_j Cov(g) U_
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg as sla
@@ -23,7 +23,7 @@ from scipy import sparse
 from constraints.arrays import Array
 from estimation.diagnostics.joint_system import SolvedSystem
 from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.diagnostics.whitened_rows import Matrix, by_actuator, dense
+from estimation.diagnostics.whitened_rows import SignRoots, columns_of_signs, overlapping_signs
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.result import ParameterEstimate
 from estimation.processing import NoiseEstimate, NoiseModel
@@ -42,8 +42,8 @@ class ResidualCovariance:
     each channel."""
     fitted: bool
     """Whether the unknowns were fitted to these residuals: that reduces their variance."""
-    signs: Sequence[Matrix] = ()
-    """(R, s) of each channel, the same of unknown signs of friction; empty: there are none."""
+    signs: SignRoots = field(default_factory=SignRoots)
+    """The same of unknown signs of friction."""
 
     @classmethod
     def of(
@@ -53,53 +53,55 @@ class ResidualCovariance:
         root: Array,
         *,
         fitted: bool,
-        signs: Sequence[Matrix] = (),
+        signs: SignRoots | None = None,
     ) -> ResidualCovariance:
         """Return the covariance with unknowns of covariance root rootᵀ, (u, r).
 
         `columns`, (R, 6, u), are U times the square roots of the counts.
         """
-        return cls(noise, np.matmul(columns.transpose(1, 0, 2), root), fitted, signs)
+        spread = np.matmul(columns.transpose(1, 0, 2), root)
+        return cls(noise, spread, fitted, signs or SignRoots())
 
     @property
     def _sign(self) -> float:
         return -1.0 if self.fitted else 1.0
 
-    def _factors(self, channel: int) -> list[Matrix]:
-        return [self.spread[channel], *self.signs[channel : channel + 1]]
+    @property
+    def _factors(self) -> list[Array]:
+        """(6, T, r) each, over neighbouring samples."""
+        return [self.spread, *(own for _, own in self.signs.blocks)]
 
     def weights(self, channel: int) -> Array:
         """Return the eigenvalues of B = Cov(e_j) / σ_j², (R,): variances of independent parts."""
-        own = np.concatenate([dense(each) for each in self._factors(channel)], axis=1)
-        gram = own @ own.T if own.shape[0] < own.shape[1] else own.T @ own
+        size = self.spread.shape[1]
+        columns = sum(own.shape[2] for own in self._factors)
+        if columns < size:
+            whole, first = np.zeros((size, columns)), 0
+            for times, own in ((slice(size), self.spread), *self.signs.blocks):
+                whole[times, first : first + own.shape[2]] = own[channel]
+                first += own.shape[2]
+            gram = whole.T @ whole
+        else:
+            gram = self.spread[channel] @ self.spread[channel].T
+            for times, own in self.signs.blocks:
+                gram[times, times] += own[channel] @ own[channel].T
         variance = float(self.noise.covariance[channel, channel])
         added = self._sign * np.linalg.eigvalsh(gram) / variance
-        return np.maximum(1.0 + np.pad(added, (0, len(own) - len(added))), 0.0)
+        return np.maximum(1.0 + np.pad(added, (0, size - len(added))), 0.0)
 
     def lagged_covariance(self, channel: int, lag: int) -> float:
         """Return Σ_t Cov(e_t, e_{t + lag}) / σ_j² of one channel, without the noise itself."""
         product = sum(
-            _inner(own[: own.shape[0] - lag], own[lag:]) for own in self._factors(channel)
+            np.vdot(own[channel, : max(own.shape[1] - lag, 0)], own[channel, lag:])
+            for own in self._factors
         )
-        return self._sign * product / float(self.noise.covariance[channel, channel])
+        return float(self._sign * product / self.noise.covariance[channel, channel])
 
     def expected_sum(self, inverse: Array) -> float:
         """Return E Σ eᵀ Σ⁻¹ e, given Σ⁻¹ of the noise, (6, 6): 6 R less the fitted freedom."""
-        size = self.spread.shape[0] * self.spread.shape[1]
-        added = sum(
-            inverse[i, j] * _inner(own, other)
-            for factors in (self.spread, self.signs)
-            for i, own in enumerate(factors)
-            for j, other in enumerate(factors)
-        )
-        return size + self._sign * added
-
-
-def _inner(one: Matrix, other: Matrix) -> float:
-    """Return the sum of the products of all elements."""
-    if isinstance(one, sparse.sparray):
-        return float(one.multiply(other).sum())
-    return float(one.ravel() @ other.ravel())
+        flat = self.spread.reshape(ACTUATORS, -1)
+        added = float(np.sum(inverse * (flat @ flat.T + self.signs.total)))
+        return ACTUATORS * self.spread.shape[1] + self._sign * added
 
 
 def joint_residual_covariance(noise: NoiseEstimate, solved: SolvedSystem) -> ResidualCovariance:
@@ -109,7 +111,7 @@ def joint_residual_covariance(noise: NoiseEstimate, solved: SolvedSystem) -> Res
     """
     system, signs = solved.system, solved.system.signs
     columns = system.force_rows.of_one_sample(system.force_columns)
-    own = () if signs is None else signs.of_one_sample
+    own = None if signs is None else signs.of_one_sample
     return ResidualCovariance.of(noise, columns, solved.root, fitted=True, signs=own)
 
 
@@ -118,12 +120,15 @@ def held_out_residual_covariance(
 ) -> ResidualCovariance:
     """Return the covariance of a prediction's residuals: no unknown was fitted to these forces."""
     own = estimate.covariance[np.ix_(part.free, part.free)]
-    motion = np.zeros((0, 0)) if experiment.fit is None else experiment.fit.covariance
+    fit = experiment.fit
+    motion = np.zeros((0, 0)) if fit is None else np.asarray(fit.covariance)
     root = sla.block_diag(root_of_covariance(own), root_of_covariance(motion))
     scale, noise = np.sqrt(part.counts), experiment.noise.forces
-    signs = sparse.diags_array(np.repeat(scale, ACTUATORS)) @ part.filter_signs(noise.filter)
+    errors = sparse.diags_array(np.repeat(scale, ACTUATORS)) @ part.filter_signs(noise.filter)
+    blocks = overlapping_signs(errors)
+    signs = SignRoots.of((times, columns_of_signs(errors, times, own)) for times, own in blocks)
     columns = part.columns * scale[:, None, None]
-    return ResidualCovariance.of(noise, columns, root, fitted=False, signs=by_actuator(signs))
+    return ResidualCovariance.of(noise, columns, root, fitted=False, signs=signs)
 
 
 def root_of_covariance(covariance: Array) -> Array:
