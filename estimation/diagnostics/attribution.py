@@ -141,8 +141,8 @@ class Attribution:
     """The best-fitting position-periodic force of every strut, significant or not."""
     periodic_level: float
     """Level of all pitch scans together."""
-    response: Array
-    """(q, u), change of the joint fit's unknowns per unit of every column of the hypotheses."""
+    products: Array
+    """(q, u), zᵀ W U of every column z of the hypotheses and the unknowns of the joint fit."""
     unlisted: bool = False
     """Something that is not in the list acts on the forces; the effects may only imitate it."""
 
@@ -169,7 +169,7 @@ def attribute(
     """
     search = Search(system, part, families, step, POSITION_PERIODIC / experiments)
     first = last = search.run_tests(())
-    response = search.projection.mixed @ first.solution.root.T
+    products = system.products(search.projection.rows, search.signature.in_lengths)
     found: list[EffectCandidate] = []
     seen: set[frozenset[tuple[str, int | None, str]]] = set()
     ended = False
@@ -192,7 +192,7 @@ def attribute(
         forces[scan.strut] = periodic_force(part, scan.strut, scan.best_pitch, values, covariance)
     best_forces = tuple(forces.get(scan.strut) for scan in last.scans)
     columns = search.signature.select(column_indices(found))
-    return Attribution(families, effects, first, last, columns, best_forces, search.level, response)
+    return Attribution(families, effects, first, last, columns, best_forces, search.level, products)
 
 
 def _add_effects(

@@ -28,6 +28,7 @@ from estimation.diagnostics.finding import Assumption, join_words
 from estimation.diagnostics.hypothesis import MODELLED, Candidates, Family, Hypothesis, Label
 from estimation.diagnostics.linearisation import CandidateEffects, Linearisation, Signature
 from estimation.diagnostics.significance import HYPOTHESES
+from estimation.estimators.joint_equations import DELAY, LOW_PASS
 from estimation.processing.hum import mains_frequencies
 from estimation.processing.periodic_recording import PeriodicRecording
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
@@ -275,22 +276,18 @@ def _delay(effects: CandidateEffects) -> Candidates:
     return _by_constant(effects, (_ALL,), seconds, effects.delay)
 
 
-def _of_channels(
-    groups: Mapping[str, str], steps: Sequence[float], together: Sequence[str] = ()
-) -> _Finder:
-    """Return the finder of secants in single channels, and in all forces or lengths together."""
-    channels = [(of, j) for of in ("force", "length") for j in range(ACTUATORS)]
-    labels: list[Label] = [*channels, *((f"{of}s", None) for of in together)]
+def _of_channels(mixture: Array, steps: Sequence[float], *, alike: bool = False) -> _Finder:
+    """Return the finder of secants in single channels, and in all forces `alike`."""
+    labels: list[Label] = [(of, j) for of in ("force", "length") for j in range(ACTUATORS)]
+    labels += [("forces", None)] * alike
 
     def find(effects: CandidateEffects) -> Candidates:
         step = effects.experiment.recording.step
         times = [each * step for each in steps] if effects.motion is not None else []
 
         def secants(seconds: float) -> Signature:
-            single, shares = effects.lags(groups, seconds), np.zeros((len(channels), len(together)))
-            for column, of in enumerate(together):
-                shares[[name == of for name, _ in channels], column] = 1.0
-            whole = Signature(single.forces @ shares, single.lengths @ shares)
+            single = effects.lags(mixture, seconds)
+            whole = _with_sum(single.select(range(ACTUATORS))).select(range(int(alike)))
             return Signature.concatenate([single, whole])
 
         return _by_constant(effects, labels, times, secants)
@@ -525,7 +522,7 @@ _FAMILIES = (
     _family(
         "lag",
         "a lag of the",
-        _of_channels(CHANNEL_DELAYS, _LAGS),
+        _of_channels(DELAY, _LAGS),
         "set it as `data.delay`, one for each channel; or state the uncertainty of the delays, "
         "`tolerances.channel_delay`, with " + _JOINTLY,
         tolerances=tuple(CHANNEL_DELAYS.values()),
@@ -539,7 +536,7 @@ _FAMILIES = (
     _family(
         "low_pass",
         "a low pass of the",
-        _of_channels(LOW_PASSES, _LOW_PASSES, ("force",)),
+        _of_channels(LOW_PASS, _LOW_PASSES, alike=True),
         "set it as `data.filter`, with `order: 1` and the cut-off 1/(2π) over this time constant; "
         "or state the uncertainty of the time constants, `tolerances.low_pass`, with " + _JOINTLY,
         tolerances=tuple(LOW_PASSES.values()),

@@ -30,7 +30,6 @@ from scipy import sparse
 from scipy.special import ndtri
 
 from constraints.arrays import Array
-from estimation.diagnostics.whitened_rows import Matrix, dense
 from estimation.estimators.experiment import (
     UNSURE,
     Experiment,
@@ -38,11 +37,10 @@ from estimation.estimators.experiment import (
     regressors_at,
 )
 from estimation.estimators.joint_equations import PerturbedMachine
-from estimation.kinematics import length_residuals
+from estimation.kinematics import add_time_spread, length_residuals, signs_along
 from estimation.measurement_model import Motion
-from estimation.measurement_model.prediction import (
-    chunks,
-)
+from estimation.measurement_model.banded import Matrix, dense
+from estimation.measurement_model.prediction import chunks, held_regressor_kernel
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import parameters_of
@@ -50,7 +48,6 @@ from expdesign.mechanism.terms import term_definitions
 from expdesign.mechanism.terms.rigid_platform import GENERAL, LATERAL, SYMMETRIC
 from expdesign.robot import Robot
 from expdesign.robot.deviation import (
-    CHANNEL_DELAYS,
     Deviation,
     deviations,
     estimated_constants,
@@ -492,52 +489,56 @@ class CandidateEffects:
         change = change / seconds
         return self.of_forces(self.part.cells.mean(change)[:, :, None])
 
-    def lags(self, groups: Mapping[str, str], seconds: float) -> Signature:
+    def lags(self, mixture: Array, seconds: float) -> Signature:
         """Return the columns of delays or low passes of six forces and of six lengths.
 
-        They are secants, N and m per second. `groups` are those of the deviations, such as
-        `CHANNEL_DELAYS`. Along the motion of a late length, dry friction of its strut changes its
-        sign too late; the rest of the forces follows the free motion.
+        They are secants, N and m per second. `mixture` is `DELAY` or `LOW_PASS`. Along the motion
+        of a late length, dry friction of its strut changes its sign too late; the rest of the
+        forces follows the free motion.
         """
-        forces, lengths = (
-            cells.mean((late - on_time) / seconds)[:, :, None] * np.eye(ACTUATORS)
-            for cells, late, on_time in zip(
-                (self.part.cells, self.part.length_cells),
-                self._measured(groups, seconds),
-                self._measured_in_time,
-                strict=True,
+        known, late = self._fitted, np.zeros((2, *self.experiment.forces.shape))
+        for node, weight, spread in mixture.tolist():
+            there = known.delay_by(node * seconds)
+            late[0] += weight * self._forces(there, spread=spread * max(seconds, 0.0))
+            late[1] += weight * self._lengths(there)
+        cells, early = self.part.cells, self._forces(known, -seconds)
+        forces, jumps, lengths = (
+            own.mean(change / seconds)[:, :, None] * np.eye(ACTUATORS)
+            for own, change in (
+                (cells, late[0] - self._forces_in_time),
+                (cells, early - self._forces_in_time),
+                (self.part.length_cells, late[1] - self._lengths_in_time),
             )
         )
-        early = self._forces(self._fitted, -seconds) - self._forces_in_time
-        jumps = self.part.cells.mean(early / seconds)[:, :, None] * np.eye(ACTUATORS)
         return Signature.concatenate([self.of_forces(forces), Signature(jumps, lengths)])
 
-    @cached_property
-    def _measured_in_time(self) -> tuple[Array, Array]:
-        return self._measured(CHANNEL_DELAYS, 0.0)
+    def _lengths(self, motion: Motion) -> Array:
+        """Return the predicted lengths at the samples along a motion, (T, 6)."""
+        return self.robot.inverse_kinematics(motion.poses(self.experiment.recording.lengths.times))
 
-    def _measured(self, groups: Mapping[str, str], seconds: float) -> tuple[Array, Array]:
-        """Return the predicted forces and lengths, (T, 6), with equal lags of all channels."""
-        lags = [one for one in deviations(self.robot) if one.group in groups.values()]
-        machine = PerturbedMachine.of(self.robot, lags, np.full(len(lags), seconds))
-        known, rows = (self.experiment, self._fitted), chunks(self.experiment.recording.samples)
-        return (
-            np.concatenate([machine.forces(*known, self.values, each).values for each in rows]),
-            np.concatenate([machine.lengths(*known, each).values for each in rows]),
-        )
+    @cached_property
+    def _lengths_in_time(self) -> Array:
+        return self._lengths(self._fitted)
 
     @cached_property
     def _forces_in_time(self) -> Array:
         return self._forces(self._fitted)
 
-    def _forces(self, motion: Motion, late_signs: float = 0.0) -> Array:
+    def _forces(self, motion: Motion, late_signs: float = 0.0, spread: float = 0.0) -> Array:
         """Return the predicted forces at the samples along a motion, (T, 6).
 
-        The signs of dry friction may be those of another time, late by so many seconds.
+        The signs of dry friction may be those of another time, late by so many seconds, or with a
+        standard deviation of the time, s.
         """
-        known, times = self.experiment.along_motion(motion), self.experiment.times
-        signs = known.signs(self.robot, times - late_signs)
-        return regressors_along(self.robot, motion, times, signs) @ self.values
+        times, known = self.experiment.times, self.experiment.fitted.spread
+        sampled = motion.at(times)
+        if spread:
+            known = add_time_spread(self.robot, sampled, known, spread)
+        turning = motion.at(times - late_signs) if late_signs else sampled
+        signs = signs_along(self.robot, turning, known)
+        kernel = held_regressor_kernel(self.robot.terms)
+        (regressors,) = kernel(sampled.state(), signs, self.robot.machine)
+        return regressors @ self.values
 
     @cached_property
     def _deviations(self) -> tuple[Signature, tuple[str, ...]]:

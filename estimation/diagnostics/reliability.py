@@ -174,13 +174,19 @@ def candidate_reliability(
     shift = influence.response(forces.__getitem__, lengths.__getitem__)[:count]
     counted = np.zeros(signature.count, dtype=bool)
     if tolerated.count:
-        free = system.with_effects(tolerated).solution.project(signature)
-        counted = ~free.conditional_on(()).identifiable
+        # Unknown deviations explain more of the columns than those within their tolerances.
+        free = system.with_effects(tolerated).solution.root
+        known_share, share = (
+            np.sum((attribution.products @ root) ** 2, axis=1)
+            for root in (tests.solution.root, free)
+        )
+        left = np.diag(tests.conditional.information) + known_share - share
+        counted = ~replace(tests.conditional, information=np.diag(left)).identifiable
     columns = part.regressors[:, :, part.free].reshape(-1, count)
     gram = columns.T @ columns / len(columns)
-    size = attribution.response.shape[1]
+    size = attribution.products.shape[1]
     unknown = np.r_[0:count, size - tolerated.count : size]
-    response = attribution.response[:, unknown]
+    response = attribution.products @ tests.solution.inverse[:, unknown]
     unknowns = tests.solution.inverse[np.ix_(unknown, unknown)]
     return tuple(
         CandidateReliability(

@@ -7,7 +7,7 @@ their columns are appended.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from operator import attrgetter
@@ -20,6 +20,7 @@ from estimation.diagnostics.hypothesis import (
     PERIODIC,
     Hypothesis,
     HypothesisTest,
+    Label,
     PitchScan,
     evaluate_hypothesis,
     log_exceedance,
@@ -30,11 +31,11 @@ from estimation.diagnostics.joint_system import (
     ConditionalScores,
     EffectFit,
     JointSystem,
-    Places,
     SolvedSystem,
 )
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.significance import are_possible, log_tail
+from estimation.diagnostics.whitened_rows import Places
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.progress import report_progress
 
@@ -139,6 +140,7 @@ class Search:
         first = np.cumsum([0, *(each.count for each in columns[:-1])]).tolist()
         kinds = [hypothesis.kind for hypothesis in families]
         self.first = dict(zip(kinds, first, strict=True))
+        self._refined: dict[tuple[object, ...], EffectCandidate] = {}
 
     # --- tests ------------------------------------------------------------------------------------
 
@@ -173,13 +175,29 @@ class Search:
     def _refine_constant(
         self, item: EffectCandidate, known: Sequence[EffectCandidate]
     ) -> EffectCandidate:
-        """Return a candidate with its best-fitting constant, given the known effects."""
+        """Return a candidate with its best-fitting constant, given the known effects.
+
+        Rivals are looked for again and again: every search is made once.
+        """
         at = item.hypothesis.at
         if at is None:
             return item
+        key = item.name, item.constant, frozenset(column_indices(known).tolist())
+        if key not in self._refined:
+            self._refined[key] = self._search_constant(item, at, known)
+        found = self._refined[key]
+        return replace(item, places=found.places, constant=found.constant)
+
+    def _search_constant(
+        self,
+        item: EffectCandidate,
+        at: Callable[[Label, float], Signature],
+        known: Sequence[EffectCandidate],
+    ) -> EffectCandidate:
         label, solution = (item.parameter, item.strut), self.system.solution
-        others, places = self.projection, column_indices(known)
-        own, by_constant = self._fit(item, others.conditional_on(places)), False
+        places = column_indices(known)
+        others = self.projection.select(places)
+        own, by_constant = self.fit_given(item, known), False
         start, reach, least = item.constant, _REACH, own.statistic
         if item.hypothesis.sized_by_constant:
             start, by_constant = float(own.values[0]), True
@@ -188,7 +206,7 @@ class Search:
         def explained(factor: float) -> float:
             constant = float(start * np.exp(factor))
             new = others.append(solution.project(at(label, constant)))
-            fit = new.conditional_on(places).fit([len(others.score)])
+            fit = new.conditional_on(range(len(places))).fit([len(places)])
             if not (by_constant and fit.rank):
                 return -fit.statistic
             # A secant at the size of its effect has this size as its factor.

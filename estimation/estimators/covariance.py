@@ -119,7 +119,7 @@ class Influence:
         total = np.zeros(())
         for parts, columns in ((self.forces(), forces), (self.lengths(), lengths)):
             for part, weights in parts:
-                total = total + np.einsum("sik,sit->kt", weights, columns(part))
+                total = total + np.tensordot(weights, columns(part), axes=((0, 1), (0, 1)))
         return np.asarray(total)
 
     def of(self, rows: Array) -> Influence:

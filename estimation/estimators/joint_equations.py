@@ -59,10 +59,9 @@ from expdesign.robot.deviation import (
     length_deviation_columns,
 )
 
-LOW_PASS_NODES, LOW_PASS_WEIGHTS = np.polynomial.laguerre.laggauss(4)
-"""x_k and w_k."""
-_SPREADS = np.array([0.261, 0.589, 0.861, 1.0])
-"""Standard deviations of x in the parts of e^(−x) with these weights."""
+DELAY = np.array([[1.0, 1.0, 0.0]])
+LOW_PASS = np.column_stack([*np.polynomial.laguerre.laggauss(4), [0.261, 0.589, 0.861, 1.0]])
+"""(n, 3), x_k, w_k, and the standard deviation of x in the part of e^(−x) with this weight."""
 
 
 def reduced_information(equations: Sequence[NormalEquations], priors: ParameterPriors) -> Array:
@@ -194,9 +193,7 @@ class PerturbedMachine:
     def _lags(self, group: str) -> Iterator[_Lag]:
         """Yield the delays of which delays and low passes of forces or lengths are a mixture."""
         constants = self.low_passes(group)
-        nodes, weights, spreads = np.ones((3, 1))
-        if np.any(constants):
-            nodes, weights, spreads = LOW_PASS_NODES, LOW_PASS_WEIGHTS, _SPREADS
+        nodes, weights, spreads = (LOW_PASS if np.any(constants) else DELAY).T
         filtering = np.array([one.group == LOW_PASSES[group] for one in self.chosen], dtype=bool)
         delays = self.channel_delays(group) + np.multiply.outer(nodes, constants)
         for delay in np.unique(delays).tolist():
