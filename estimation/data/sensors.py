@@ -74,6 +74,25 @@ class SensorResponse:
         gain = np.maximum(np.abs(response), _FLOOR)
         return np.asarray(gain * np.exp(1j * np.angle(response)))
 
+    def delay_if_digital(self, step: float) -> float:
+        """Return the further mean delay, s, if filters without `sampling` have that of the log.
+
+        Examples
+        --------
+        >>> filters = (ChannelFilter(low_pass=80.0, order=2),) * 6
+        >>> round(1e3 * SensorResponse(filters, np.zeros(6)).delay_if_digital(2e-3), 2)
+        -0.24
+        """
+        digital = tuple(
+            one.model_copy(update={"sampling": 1 / step})
+            if one and one.sampling is None and one.low_pass < 0.5 / step
+            else one
+            for one in self.filters
+        )
+        slow = 1000
+        own, other = (each.lines(slow, step)[1] for each in (self, replace(self, filters=digital)))
+        return float(np.mean(np.angle(own / other))) * slow * step / (2 * np.pi)
+
     @staticmethod
     def with_low_pass(sensors: SensorResponse | None, constants: Array) -> SensorResponse | None:
         """Return the response with low passes of first order, time constants (6,) in s."""

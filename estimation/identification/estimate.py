@@ -16,6 +16,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.channels.check import channel_findings
 from estimation.data.measurement import Measurement
+from estimation.data.sensors import SensorResponse
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.diagnosis_result import Diagnosis, ResidualDiagnosis
 from estimation.diagnostics.finding import Status
@@ -161,13 +162,39 @@ def estimation_result(
         diagnostics=diagnosis,
         selection=estimation.selection,
         seconds=estimation.seconds,
-        warnings=(*estimation.warnings, *filter(None, [force_warning(forces)])),
+        warnings=(
+            *estimation.warnings,
+            *filter(None, [force_warning(forces)]),
+            *_digital_filters(estimation, diagnosis),
+        ),
         rows=_rows(estimation, diagnosis),
         motions=motions,
         tables=() if diagnosis is None else diagnosis.recordings,
         identified=robot_yaml(identified),
         forces=forces,
     )
+
+
+_SIGMAS, _ALIKE = 3.0, 0.15
+"""Difference between a delay and that of a digital filter: noise, and a share of it."""
+
+
+def _digital_filters(estimation: Estimation, diagnosis: ResidualDiagnosis | None) -> Iterator[str]:
+    """Yield warnings of delays that filters stated without `sampling` have if they are digital."""
+    sensors = SensorResponse.of(estimation.configuration.run.data, "Q")
+    if sensors is None or diagnosis is None:
+        return
+    for recording, found in zip(estimation.recordings, diagnosis.recordings, strict=True):
+        step = recording.experiment.recording.step
+        expected = sensors.delay_if_digital(step)
+        for effect in found.tests.effects:
+            near = _SIGMAS * effect.std + _ALIKE * abs(expected)
+            alike = abs(effect.value - expected) < near and abs(expected) > effect.std
+            if effect.kind == "delay" and alike:
+                yield (
+                    f"the delay of {1e3 * effect.value:.2g} ms is that of `data.filter` if it was "
+                    f"computed at the rate of the log: state `sampling: {1 / step:g} Hz` there"
+                )
 
 
 def _forces(

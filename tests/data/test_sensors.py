@@ -363,6 +363,35 @@ def test_lines_that_are_left_out_have_no_weight_and_leave_white_noise(tmp_path: 
     assert np.allclose(found, noise.forces.covariance, atol=0.1 * np.max(found))
 
 
+@pytest.mark.parametrize("sampling", [None, 400.0])
+def test_the_delay_of_a_digital_filter_asks_for_its_sampling(sampling: float | None) -> None:
+    motion, step, rng = palida_motion(), STEP / 2, np.random.default_rng(0)
+    low_pass: dict[str, Any] = {"low_pass": 80.0, "order": 2}
+    samples = round(motion.period / step)
+    times = step * np.arange(-samples, 10 * samples)
+    state, noise = motion.sample(times), ROBOT.description.noise
+    assert noise is not None
+    own = signal.butter(2, 80.0, fs=1 / step)
+    lengths, forces = (
+        values + 0.1 * rng.multivariate_normal(np.zeros(6), covariance, len(times))
+        for values, covariance in (
+            (ROBOT.inverse_kinematics(state.pose), noise.length_covariance),
+            (signal.lfilter(*own, ROBOT.actuator_forces(*state), axis=0), noise.force_covariance),
+        )
+    )
+    stated = low_pass | ({"sampling": sampling} if sampling else {})
+    case = run({"estimators": ["gm"]}, data={"filter": {"Q": stated}})
+    sensors = SensorResponse.of(case.run.data, "Q")
+    used = slice(samples, None)
+    data = Measurement(times[used], lengths[used], forces[used], step, force_sensors=sensors)
+    result = estimate(case, data, motion)
+    assert result.diagnostics is not None
+    accepted = result.diagnostics.verdict.status is Status.ACCEPTED
+    assert accepted == (sampling is not None)
+    asked = any("state `sampling: 400 Hz` there" in each for each in result.warnings)
+    assert asked == (sampling is None)
+
+
 def test_periods_are_left_out_in_which_a_stated_filter_begins_from_nothing(
     tmp_path: Path,
 ) -> None:
