@@ -92,7 +92,9 @@ _NOISE_WHITE_OR_COUNTED = replace(
 _NO_OUTLIERS = Assumption(
     "no outliers",
     "there are outliers",
-    "inspect them, and estimate with the robust loss (`estimate.loss: huber`)",
+    "inspect them; in a motion with a period the robust loss (`estimate.loss: huber`) reduces "
+    "their weight. Without a period a jerk that the spline does not follow has the same effect: "
+    "leave it out (`data.start`, `data.end`)",
 )
 _OUTLIERS_COUNT_LESS = replace(
     _NO_OUTLIERS,

@@ -179,8 +179,12 @@ def show_channels(run: str, data: Path, design: Path | None, *, as_json: bool) -
                 f"no other channels explain the forces better than those of the section, which "
                 f"{explain}: {100 * rest:.3g} % stay unexplained, {rest / noise:.2g} times the "
                 "noise. Tolerances of the geometry may leave that, and so may parts that have no "
-                "model, or zeros of several lengths, which only an executed design (--design) shows"
+                "model"
             )
+            if design is None:
+                said += (
+                    ", or zeros of several lengths, which only an executed design (--design) shows"
+                )
         else:
             said = (
                 f"the channels are those of the struts: they {explain}; no other ones explain the "
