@@ -29,7 +29,7 @@ from expdesign.recheck.limit_check import (
 from expdesign.solver import phases
 from expdesign.solver.feasibility import GRID_MARGIN, LARGEST_MARGIN, restore_limits
 from expdesign.solver.interior_point import solve_by_interior_point
-from expdesign.solver.ipopt import IPOPT_OPTIONS, solve_with_ipopt
+from expdesign.solver.ipopt import last_options, solve_with_ipopt
 from expdesign.solver.starts import SearchPlan, StartResult, solve_phase
 from expdesign.trajectory import round_period
 from expdesign.workers import Job, Monitor, Procedure
@@ -187,6 +187,7 @@ def polish(
         ipopt = proving and last
         present = phases.last_phase(phase, problem.variables.harmonics) if ipopt else phase
         instants, mask, margins = _critical_rows(problem, x, exact, present, candidate.check, seen)
+        rows = int(np.count_nonzero(mask))
         program = problem.program(
             instants,
             mask,
@@ -202,7 +203,7 @@ def polish(
             solution = solve_with_ipopt(
                 program,
                 x,
-                options={**IPOPT_OPTIONS, "max_iter": most},
+                options=last_options(rows, most),
                 report=watch,
             )
         else:
@@ -216,7 +217,7 @@ def polish(
                 report=watch,
             )
         x = solution.usable
-        result = result.add(solution, int(np.count_nonzero(mask)))
+        result = result.add(solution, rows)
         candidate, exact = _check(problem, evaluator, x, phase.width, proving=proving)
         gain = evaluator.gain(candidate.merit, best.merit)
         if proving and not proved and (gain <= 0 or not candidate.check.certified):

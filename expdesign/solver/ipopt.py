@@ -13,6 +13,8 @@ from constraints.arrays import Array
 from expdesign.problem.program import Program, largest_excess
 from expdesign.solver.interior_point import WEIGHT, BestIterate, IterationReport, Solution
 
+_UNCHANGED = 2e-4
+"""Relative change of the objective that counts as none."""
 IPOPT_OPTIONS = {
     "print_level": 0,
     "sb": "yes",
@@ -27,7 +29,6 @@ IPOPT_OPTIONS = {
     "limited_memory_aug_solver": "extended",
     # It begins at an optimum: it stays near, and close to its bounds.
     "mu_strategy": "monotone",
-    "mu_init": 1e-4,
     "bound_mult_init_method": "mu-based",
     "bound_push": 1e-6,
     "bound_frac": 1e-6,
@@ -40,9 +41,24 @@ IPOPT_OPTIONS = {
     "acceptable_constr_viol_tol": 1e-3,
     "acceptable_compl_inf_tol": 1e-3,
     "acceptable_iter": 5,
-    "acceptable_obj_change_tol": 2e-4,
+    "acceptable_obj_change_tol": _UNCHANGED,
 }
-"""Ipopt's options of the last solve, without the number of iterations."""
+"""Ipopt's options of the last solve that no program changes."""
+
+
+def last_options(rows: int, most: int) -> dict[str, Any]:
+    """Return Ipopt's options of the last solve, with so many rows and at most so many iterations.
+
+    It begins at an optimum. The barrier μ takes it away by up to rows · μ in the objective, and
+    that is to be no more than what counts as no change. The curvature of all steps is kept: with
+    the last six, and hundreds of rows near their bounds, the dual residual did not settle.
+    """
+    return {
+        **IPOPT_OPTIONS,
+        "mu_init": _UNCHANGED * WEIGHT / max(rows, 1),
+        "max_iter": most,
+        "limited_memory_max_history": most,
+    }
 
 
 class _Function(ca.Callback):
