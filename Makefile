@@ -45,14 +45,15 @@ $(VENV)/.locked: $(VENV)/.installed
 	  >/dev/null 2>&1 & $(call INSTALL,requirements/dev.txt); status=$$?; wait; exit $$status
 	@touch $@
 
-PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal
+# `make test` keeps two cores busy; the other tests also wait for programs and clusters.
+PYTEST := $(BIN)/python -m pytest --dist worksteal
 
 test: venv ## Run the tests, 6 minutes on two cores (ARGS="-k jacobian" for some of them)
 	@$(BIN)/python -m compileall -qq -j 0 constraints expdesign estimation results # once, not in each process
-	$(PYTEST) -m "not slow and not system" $(ARGS)
+	$(PYTEST) -n 2 -m "not slow and not system" $(ARGS)
 
 test-all: venv ## Run what `make test` leaves out: fuzz, kills, hostile input, large Monte Carlo, browser
-	$(PYTEST) -m "(slow or system) and not full" $(ARGS)
+	$(PYTEST) -n 3 -m "(slow or system) and not full" $(ARGS)
 
 lint: venv ## Check style, types and architecture
 	$(BIN)/ruff check .

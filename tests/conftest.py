@@ -50,9 +50,9 @@ def pytest_make_collect_report(collector):
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with the files of slow tests, which would run alone at the end.
+    """Begin with tests that need programs, for which they wait, and with the files of slow ones.
 
-    Tests that need programs come last: these may be installed while the others run.
+    At the end they would run alone.
     """
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     for item in items:
@@ -60,7 +60,7 @@ def pytest_collection_modifyitems(items):
             raise pytest.UsageError(f"{item.path}: write `pytest.mark.` with the mark in this file")
 
     def place(item):
-        return item.get_closest_marker("system") is not None, item.path not in slow, item.path
+        return item.get_closest_marker("system") is None, item.path not in slow, item.path
 
     items.sort(key=place)
 
