@@ -367,7 +367,7 @@ class Search:
         for rival, log_p in candidates:
             if rival.hypothesis.contains == item.kind and rival.strut == item.strut:
                 continue
-            fit = self._fit(rival, conditional)
+            fit = conditional.fit(_sizing_columns(rival))
             if not rival.is_possible(fit.values, fit.covariance):
                 continue
             # A delay and a low pass act together if either is significant given the other.
@@ -390,14 +390,12 @@ class Search:
             fit = replace(fit, rank=fit.rank + 1)
         return item.log_p(fit, self.projection.freedom) < np.log(RIVAL_LEVEL)
 
-    def _fit(self, item: EffectCandidate, conditional: ConditionalScores) -> EffectFit:
-        # The third column of a periodic force, a change of its pitch, does not measure its size.
-        places = item.places if item.scan is None else item.places[:2]
-        return conditional.fit(places)
-
     def fit_given(self, item: EffectCandidate, others: Sequence[EffectCandidate]) -> EffectFit:
-        """Return the fit of a candidate, given others."""
-        return self._fit(item, self.projection.conditional_on(column_indices(others)))
+        """Return the fit of a candidate, given others, without the columns of all further ones."""
+        known, scores = column_indices(others), self.projection.conditional_on(())
+        own = scores.select(np.concatenate([known, _sizing_columns(item)]))
+        given = own.conditional_on(range(len(known)))
+        return given.fit(range(len(known), len(own.whole)))
 
     def conditional_log_p(self, item: EffectCandidate, others: Sequence[EffectCandidate]) -> float:
         """Return log p of a candidate, given others, uncorrected for its family."""
@@ -408,6 +406,11 @@ def _is_same_lag(item: EffectCandidate, rival: EffectCandidate) -> bool:
     """Return whether a delay has a low pass of the same forces as a rival."""
     late = item.kind in ("delay", "lag") and rival.kind == "low_pass"
     return late and item.strut == rival.strut and "length" not in (item.parameter, rival.parameter)
+
+
+def _sizing_columns(item: EffectCandidate) -> Places:
+    # The third column of a periodic force, a change of its pitch, does not measure its size.
+    return item.places if item.scan is None else item.places[:2]
 
 
 def column_indices(items: Sequence[EffectCandidate]) -> Places:
