@@ -272,7 +272,7 @@ class HexapodGraph:
         slope = ca.substitute(
             slope, carried_force, ca.densify(self.inverse_jacobian_transposed @ wrench)
         )
-        return ca.cse(ca.densify(slope + ca.jacobian(along, by)))
+        return ca.densify(slope + ca.jacobian(along, by))
 
     def acceleration_with(self, friction: Friction, forces: ca.SX) -> ca.SX:
         """Return the λ̈ (6, 1) that forces of the actuators (6, 1) make: the forward dynamics.
