@@ -19,7 +19,6 @@ from expdesign.configuration import InputError, RunConfiguration, load_run
 from expdesign.configuration.consistency import identification_of
 from expdesign.configuration.robot import RobotSource
 from expdesign.configuration.run import RunDescription
-from expdesign.experiment.judging import noise_evaluator
 from expdesign.experiment.plan import Prediction
 from expdesign.robot import robot_from
 from expdesign.runfolder import OpenNumber, StageResult, Table, described
@@ -203,10 +202,10 @@ def compare_with_repetition(
     configuration: RunConfiguration, following: FourierTrajectory, last: FourierTrajectory
 ) -> NextResult:
     """Return the predicted precision of a next motion, and of the last one for the same time."""
-    evaluator, periods = noise_evaluator(configuration), configuration.run.experiment.periods
+    periods = configuration.run.experiment.periods
     repeated_periods = periods * following.period / last.period
-    new, old = (Prediction.of(configuration, evaluator, one) for one in (following, last))
-    count = len(evaluator.names)
+    new, old = (Prediction.of(configuration, one) for one in (following, last))
+    count = len(new.evaluator.names)
 
     def stds(prediction: Prediction, number: float) -> dict[str, float]:
         found: Array = prediction.errors(number).std

@@ -7,7 +7,7 @@ of the machine make. A goal below its floor needs smaller tolerances.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -20,10 +20,7 @@ from expdesign.configuration import ComputationError, InputError, RunConfigurati
 from expdesign.configuration.design import DERIVED
 from expdesign.configuration.errors import nearest_name, quote
 from expdesign.configuration.quantity import quantity_in
-from expdesign.experiment.judging import (
-    earlier_recordings,
-    noise_evaluator,
-)
+from expdesign.experiment.judging import earlier_recordings, noise_evaluator
 from expdesign.experiment.precision import (
     ToleranceEffects,
     derived_precisions,
@@ -44,7 +41,7 @@ from expdesign.robot.derived import (
     belongs_to,
     derived_quantities,
 )
-from expdesign.robot.deviation import Deviation, toleranced_deviations
+from expdesign.robot.deviation import toleranced_deviations
 from expdesign.runfolder import OpenNumber, StageResult, Table, described
 from expdesign.trajectory import FourierTrajectory
 
@@ -185,15 +182,13 @@ def plan_measurement(configuration: RunConfiguration, trajectory: FourierTraject
         A goal is unknown, not determined by the design, or has a wrong unit.
     """
     _refuse_unplanned(configuration)
-    evaluator = noise_evaluator(configuration)
-    prediction = Prediction.of(configuration, evaluator, trajectory)
+    prediction = Prediction.of(configuration, trajectory)
     wanted = _wishes(configuration.run.goals, prediction, configuration.file)
     if not wanted:
         raise InputError(
             "there is no goal", key="--want", allowed="for example --want mass=1% --want centre=5mm"
         )
-    tolerances = sorted(toleranced_deviations(evaluator.robot), key=lambda one: one.tolerance)
-    goals = [_planned(wish, prediction, tolerances) for wish in wanted]
+    goals = [_planned(wish, prediction) for wish in wanted]
     limit, gain = _helpful_limit(configuration, trajectory)
     return PlanResult(
         name=configuration.run.name,
@@ -269,8 +264,7 @@ def minutes_to_goals(
     configuration: RunConfiguration, trajectory: FourierTrajectory
 ) -> dict[str, float]:
     """Return the measuring time that reaches each goal of a run, min; NaN where none does."""
-    evaluator = noise_evaluator(configuration)
-    prediction = Prediction.of(configuration, evaluator, trajectory)
+    prediction = Prediction.of(configuration, trajectory)
     found = dict[str, float]()
     for wish in _wishes(configuration.run.goals, prediction, configuration.file):
         periods = prediction.fewest_periods(wish.ratio)
@@ -282,9 +276,8 @@ def median_std_percent(
     configuration: RunConfiguration, trajectory: FourierTrajectory, seconds: float
 ) -> float:
     """Return the median of the parameters' relative standard deviations after a time, %."""
-    evaluator = noise_evaluator(configuration)
-    prediction = Prediction.of(configuration, evaluator, trajectory)
-    own = slice(-len(evaluator.names), None)
+    prediction = Prediction.of(configuration, trajectory)
+    own = slice(-len(prediction.evaluator.names), None)
     values = np.abs(prediction.values[own])
     std = prediction.errors(seconds / trajectory.period).std[own]
     known = values > 0
@@ -348,6 +341,8 @@ class _Quantities:
 class Prediction(_Quantities):
     """Predicted errors of n quantities for any number of periods."""
 
+    evaluator: Evaluator
+    """By the noise alone, of the k judged parameters."""
     rows: Array
     """(n, k), their derivatives to the judged parameters."""
     random: Callable[[float], Array]
@@ -362,10 +357,9 @@ class Prediction(_Quantities):
     """Of the motion, s."""
 
     @classmethod
-    def of(
-        cls, configuration: RunConfiguration, evaluator: Evaluator, trajectory: FourierTrajectory
-    ) -> Prediction:
+    def of(cls, configuration: RunConfiguration, trajectory: FourierTrajectory) -> Prediction:
         """Return the prediction of derived quantities and parameters."""
+        evaluator = noise_evaluator(configuration)
         robot, periods = evaluator.robot, configuration.run.experiment.periods
         alone = replace(evaluator, marginal=None)
         information, total = experiment_information(alone, trajectory, configuration)
@@ -389,6 +383,7 @@ class Prediction(_Quantities):
             groups=(*(one.group for one in chosen), *evaluator.names),
             units=(*(one.unit for one in chosen), *map(parameter_unit, evaluator.names)),
             values=np.concatenate([derived.values[at], robot.parameters[own]]),
+            evaluator=evaluator,
             rows=np.concatenate([derived.jacobian[at][:, own], np.eye(size)]),
             random=random,
             samples=total / periods,
@@ -520,8 +515,8 @@ class _Wish:
         return ratios[most], most
 
 
-def _planned(wish: _Wish, prediction: Prediction, tolerances: Sequence[Deviation]) -> PlannedGoal:
-    """Plan one goal; the tolerances ascend."""
+def _planned(wish: _Wish, prediction: Prediction) -> PlannedGoal:
+    """Plan one goal."""
     periods = prediction.fewest_periods(wish.ratio)
     reachable, alone, together = bool(np.isfinite(periods)), np.nan, np.nan
     errors = prediction.errors(periods if reachable else prediction.longest())
@@ -534,8 +529,9 @@ def _planned(wish: _Wish, prediction: Prediction, tolerances: Sequence[Deviation
         obstacle = max(by_source, key=lambda key: float(by_source[key][place]))
         alone = 100 * _largest_factor(wish, prediction, (obstacle,))
         together = 100 * _largest_factor(wish, prediction, errors.sources)
-    sizes = {one.group: (one.tolerance, one.unit) for one in tolerances}
-    size, unit = sizes.get(obstacle, (np.nan, ""))
+    deviations = toleranced_deviations(prediction.evaluator.robot)
+    sizes = [(one.tolerance, one.unit) for one in deviations if one.group == obstacle]
+    size, unit = max(sizes, default=(np.nan, ""))
     return PlannedGoal(
         goal=wish.name,
         quantities=", ".join(prediction.names[one] for one in wish.wanted),

@@ -209,11 +209,10 @@ class ComparedDesign:
         """
         if self.section.is_change:
             return self.relative_std(samples)
-        configuration = reference.result.configuration
-        evaluator = noise_evaluator(configuration)
-        prediction = Prediction.of(configuration, evaluator, self.result.trajectory)
+        prediction = Prediction.of(reference.result.configuration, self.result.trajectory)
         std = prediction.errors(samples / prediction.samples).std
         if scaled:
+            evaluator = prediction.evaluator
             scales = evaluator.robot.scales[evaluator.columns]
             std = std / np.linalg.norm(prediction.rows * scales, axis=1)
         wanted = {*(self.names if interest is None else interest)}
@@ -227,8 +226,7 @@ class ComparedDesign:
     @cached_property
     def _prediction(self) -> Prediction:
         """Errors for any number of periods."""
-        configuration = self.result.configuration
-        return Prediction.of(configuration, noise_evaluator(configuration), self.result.trajectory)
+        return Prediction.of(self.result.configuration, self.result.trajectory)
 
     def _std_of_change(self, samples: float) -> Array:
         """Return the standard deviations of the change since a prior, (m,), SI."""

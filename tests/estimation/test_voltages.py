@@ -157,7 +157,7 @@ def test_the_prediction_for_voltages_is_that_of_the_estimate():
     run = _run(MOTOR, {"units": {"Q": "V"}}, ("gm",), noise="given", tolerances=tolerances)
     run = run.with_section("experiment", periods=5, sampling=200.0)
     evaluator = noise_evaluator(run)
-    predicted = Prediction.of(run, evaluator, trajectory()).errors(5).std[-len(evaluator.names) :]
+    predicted = Prediction.of(run, trajectory()).errors(5).std[-len(evaluator.names) :]
     twin = Twin.of(run, trajectory())
     found = estimate_parameters(run, twin.measurement(), trajectory())
     std = {row.parameter: row.std for row in found.rows}

@@ -305,7 +305,7 @@ def test_a_prior_is_no_information_of_a_motion(folder, twin, tmp_path):
     assert "has the largest" not in text
     design = DesignResult.read(twin)
     configuration = load_run(twin / "run.yaml")
-    prediction = Prediction.of(configuration, noise_evaluator(configuration), design.trajectory)
+    prediction = Prediction.of(configuration, design.trajectory)
     samples = design.experiment.samples
     rate = configuration.run.experiment.sampling * design.trajectory.period
     count = len(design.parameter_names)
@@ -556,7 +556,7 @@ def test_designs_are_compared_by_the_summary_of_their_criterion(
     summaries = []
     for one in (folder, twin):
         motion = DesignResult.read(one).trajectory
-        prediction = Prediction.of(configuration, evaluator, motion)
+        prediction = Prediction.of(configuration, motion)
         std = prediction.errors(1e5 / prediction.samples).std[-len(evaluator.names) :] / scales
         summaries.append(np.max(std) if criterion == "e" else np.sqrt(np.mean(std**2)))
     assert int(found[1]) == pytest.approx(100 * max(summaries) / min(summaries), rel=0.02)
