@@ -227,9 +227,11 @@ def describe_channel_lag(lag: ChannelLag, section: DataSection) -> str:
 
 def describe_silent_forces(recording: PeriodicRecording, noise: NoiseModel) -> str:
     """Return the sentence on forces that do not follow the motion, where most others do."""
-    forces, variances = recording.forces, np.diag(noise.forces.covariance)
-    signal = np.var(forces.values, axis=0) / (variances * np.mean(1 / forces.counts))
-    silent = _numbers(signal < 1 + 4 * np.sqrt(2 / len(forces.values)))
+    forces, used = recording.forces, noise.forces.filter
+    variances = noise.forces.variances * np.mean(1 / forces.counts)
+    signal = np.var(forces.as_recorded(forces.values), axis=0) / variances
+    count = len(forces.values) if used is None else used.count
+    silent = _numbers(signal < 1 + 4 * np.sqrt(2 / count))
     if not silent or np.median(signal) < _LOUD or noise.forces.includes_model_error:
         return ""
     place = join_words(f"Q{number}" for number in silent)

@@ -21,7 +21,7 @@ from estimation.identification import estimate_parameters
 from estimation.identification.calibration import apply_calibration
 from estimation.identification.estimate import estimate
 from estimation.identification.periods import leave_out_ramps
-from estimation.identification.recording import fold_measurement
+from estimation.identification.recording import check_recording, fold_measurement
 from estimation.twin import Twin
 from estimation.twin.truth import write_measurement
 from expdesign.configuration import InputError
@@ -296,6 +296,31 @@ def test_noise_that_has_passed_the_filter_leaves_estimates_that_are_accepted(
     verdict = result.diagnostics.verdict
     assert verdict.status is Status.ACCEPTED, verdict.summary
     assert any("Hz on they are left out" in each for each in result.warnings)
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_filtered_recording_with_a_silent_force(tmp_path: Path, stated: bool) -> None:
+    """It is named behind a filter, too; forces whose filter is not stated are doubted."""
+    low_pass = {"low_pass": 40.0, "order": 3, "zero_phase": True}
+    for seed in (0, 1):
+        _record_with_noise_filtered(tmp_path / f"{seed}.csv", seed, low_pass)
+    case = run({"estimators": ["gm"]}, data={"filter": {"Q": low_pass}} if stated else {})
+    clean, other = (
+        read_measurement(tmp_path / f"{seed}.csv", case.run.data, case.robot) for seed in (0, 1)
+    )
+    forces = clean.forces.copy()
+    forces[:, 2] = np.mean(forces[:, 2]) + (clean.forces - other.forces)[:, 2]
+    design = palida_motion()
+    found = [
+        check_recording(case, ROBOT, fold_measurement(case, each, design), design).silent
+        for each in (clean, replace(clean, forces=forces))
+    ]
+    assert not found[0]
+    assert found[1].startswith("Q3 ")
+    if not stated:
+        diagnostics = estimate(case, clean, design).diagnostics
+        assert diagnostics is not None
+        assert diagnostics.verdict.status is Status.DOUBTFUL
 
 
 @pytest.mark.parametrize("zero_phase", [False, True])
