@@ -277,11 +277,12 @@ def correct_force_unit(
         return found.sentence, {"units": keys.get("units", section.units) | {"Q": found.unit}}
     scales = keys.get("scale", {key: list(section.channel_scales(key)) for key in ("q", "Q")})
     scales = scales if isinstance(scales, dict) else {"q": scales, "Q": scales}
-    own = scales.get("Q", [1] * ACTUATORS)
+    usual = [1] * ACTUATORS
+    own = scales.get("Q", usual)
     scales |= {"Q": [float(f"{found.gain * each:.6g}") for each in own]}
     size, word = _misreading(found.gain)
     return (
         f"the forces are in another unit than the stated one: they are read {size:.4g} times too "
         f"{word}",
-        {"scale": {key: each for key, each in scales.items() if each != [1] * ACTUATORS}},
+        {"scale": {key: each for key, each in scales.items() if key == "Q" or each != usual}},
     )

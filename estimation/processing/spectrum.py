@@ -336,8 +336,8 @@ class NoiseLines:
         return np.sum(np.sum(shares.real, axis=1) ** 2 * relative / (1 + relative), axis=0)
 
 
-_ROUNDING = 1e-12
-"""Least noise of a line, relative to the largest, that differs from rounding errors."""
+_ROUNDING = 1e-16
+"""Rounding errors of the noise at a line, fourth power, relative to the largest."""
 _SHOWN = 0.1
 """Largest remaining share of a jump."""
 
@@ -428,8 +428,9 @@ def filter_to(covariance: Array, spectrum: ComplexArray) -> ComplexArray:
     # The geometric mean of Σ and C̄⁻¹: L (Lᵀ C̄ L)^(−1/2) Lᵀ with Σ = L Lᵀ.
     root = np.linalg.cholesky(covariance)
     values, vectors = np.linalg.eigh(root.T @ spectrum @ root)
-    # Lines without noise, as behind an unknown low pass, have rounding errors of either sign.
-    values = np.maximum(values, _ROUNDING * np.max(values))
+    # Noise that an unknown low pass has taken leaves rounding errors of either sign.
+    least = _ROUNDING * np.max(values, axis=-1, keepdims=True)
+    values = np.maximum(values, np.maximum(least, np.finfo(np.float64).tiny))
     half = root @ vectors / values[:, None] ** 0.25
     return np.asarray(half @ half.conj().transpose(0, 2, 1))
 

@@ -155,6 +155,20 @@ def test_a_hum_keeps_its_own_line():
     assert size[20] > 5 * np.median(size)
 
 
+@pytest.mark.parametrize("quieter", [1, 20, 100])
+@pytest.mark.parametrize("correlation", [0, 0.99])
+def test_whitening_behind_a_filter_holds_for_channels_of_any_size(quieter, correlation):
+    """At every line H C̄ Hᴴ = Σ, also where the filter has left 1e-8 of the noise."""
+    std = np.array([1, 1, 1, 1, 1, 1 / quieter])
+    alike = correlation + (1 - correlation) * np.eye(6)
+    covariance = np.outer(std, std) * alike
+    damping = np.tile(np.geomspace(1, 1e-4, 201)[:, None], 6)
+    noise = NoiseEstimate(covariance, np.inf, "given").before_sensors(damping, 400)
+    gain = noise.filter.gain
+    whitened = gain @ noise.filter.spectrum @ gain.conj().transpose(0, 2, 1)
+    assert np.max(np.abs(whitened - covariance) / np.outer(std, std)) < 1e-6
+
+
 def test_filtered_noise_is_white():
     samples, memory = 300, 0.8
     spectrum = first_order(samples, memory)[:, None, None] * SIGMA.astype(complex)
