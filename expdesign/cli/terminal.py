@@ -11,7 +11,7 @@ from expdesign.cli.output import messages, note, results, warn
 from expdesign.configuration import RunConfiguration
 from expdesign.progress import Listener, listen_to_progress
 from expdesign.stages.stage import Outcome, Progress, short
-from results.render.terminal import print_view
+from results.render.terminal import brief_warnings, print_view
 
 if TYPE_CHECKING:
     from expdesign.solver.phases import SearchEvent
@@ -40,10 +40,14 @@ class Terminal(Progress):
         """Write a remark."""
         note(text, self._console)
 
-    def finished(self, outcome: Outcome) -> None:
-        """Print the view of a stage's result."""
-        if not self._quiet and outcome.view is not None:
-            print_view(outcome.view, results(), short(outcome.folder))
+    def show(self, outcome: Outcome) -> None:
+        """Print the view of a stage's result, then its warnings."""
+        console, view, warnings = results(), outcome.view, outcome.warnings
+        if not self._quiet and view is not None:
+            warnings = tuple(brief_warnings(view, warnings, console.width))
+            print_view(view, console, short(outcome.folder), below=len(warnings))
+        for warning in warnings:
+            self.warn(warning)
 
     @contextmanager
     def working(self, what: str) -> Iterator[Listener]:

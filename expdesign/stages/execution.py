@@ -99,9 +99,7 @@ def execute(stage: Stage, work: Workspace) -> Outcome:
             ended = Outcome(stage.name, work.folder, status=status, message=error.message)
             write_entry(work, ended, time.perf_counter() - began)
         raise StageFailed(error.message, error.details) from error
-    for warning in outcome.warnings:
-        work.progress.warn(warning)
-    work.progress.finished(outcome)
+    work.progress.show(outcome)
     if outcome.failure:
         raise StageFailed(outcome.failure, outcome.summary)
     if outcome.asked_to_stop or asked():

@@ -188,6 +188,12 @@ class Progress:
     def finished(self, outcome: Outcome) -> None:
         """Take the outcome of a stage."""
 
+    def show(self, outcome: Outcome) -> None:
+        """Take the outcome of a stage, then its warnings."""
+        self.finished(outcome)
+        for warning in outcome.warnings:
+            self.warn(warning)
+
     @contextmanager
     def search(self, configuration: RunConfiguration) -> Iterator[Callable[[Any], None]]:
         """Show the search for a design; yield the listener of its events, each a `SearchEvent`."""

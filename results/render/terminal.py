@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 from rich import box
@@ -33,8 +36,10 @@ _STYLES = {
 }
 
 
-def print_view(view: StageView, console: Console, place: str = "") -> None:
+def print_view(view: StageView, console: Console, place: str = "", *, below: int = 0) -> None:
     """Print the parts of a view that are for the screen.
+
+    Where the number of its lines is limited, the last tables have fewer rows.
 
     Parameters
     ----------
@@ -43,7 +48,69 @@ def print_view(view: StageView, console: Console, place: str = "") -> None:
         Words are wrapped where it is a terminal, and never elsewhere.
     place : str
         Folder or file of the result, printed last; empty: none.
+    below : int
+        Number of lines that are printed below the view.
     """
+    if view.most_lines:
+        view = _shorten(view, view.most_lines - below, console.width, place)
+    _print_parts(view, console, place)
+
+
+def brief_warnings(view: StageView, warnings: Sequence[str], width: int) -> list[str]:
+    """Return the warnings of a result for a screen.
+
+    Where the number of lines is limited, each has one line, few are listed, and none with a clause
+    that the view contains.
+    """
+    if not view.most_lines:
+        return list(warnings)
+    shown = " ".join(_screen(view, _UNBROKEN).split())
+    new = [
+        text
+        for text in warnings
+        if not any(part in shown for part in _CLAUSE.split(text) if len(part.split()) > _FEW)
+    ]
+    room = width - len("warning: ")
+    brief = [textwrap.shorten(text, room, placeholder=" … (report)") for text in new[:_LISTED]]
+    return brief + [f"{len(new) - _LISTED} more in the report"] * (len(new) > _LISTED)
+
+
+_CLAUSE = re.compile(r"[:;.] ")
+_FEW = 3
+"""Number of words of a clause that may be a name."""
+_LISTED = 3
+"""Largest number of warnings that a limited screen lists."""
+_UNBROKEN = 10_000
+"""Characters of a line that holds any text."""
+
+
+def _shorten(view: StageView, lines: int, width: int, place: str) -> StageView:
+    """Return a view that fits in a number of lines, with fewer rows of tables, the last first."""
+    for k, block in reversed(list(enumerate(view.blocks))):
+        if not (isinstance(block, ReportTable) and block.screen):
+            continue
+        table = block
+        while (excess := _screen(view, width, place).count("\n") - lines) > 0:
+            listed = [row for row in range(len(table.rows)) if row not in table.left_out]
+            if len(listed) <= _ROWS_OF_A_BLOCK:
+                break
+            rest = listed[max(_ROWS_OF_A_BLOCK, len(listed) - excess) :]
+            table = replace(table, left_out=table.left_out.union(rest))
+            view = replace(view, blocks=(*view.blocks[:k], table, *view.blocks[k + 1 :]))
+    return view
+
+
+def _screen(view: StageView, width: int, place: str = "") -> str:
+    """Return the text of a view on a terminal."""
+    console = Console(
+        width=width, force_terminal=True, no_color=True, highlight=False, markup=False
+    )
+    with console.capture() as captured:
+        _print_parts(view, console, place)
+    return captured.get()
+
+
+def _print_parts(view: StageView, console: Console, place: str) -> None:
     verdict = view.verdict
     head = Text.assemble(f"{verdict.title}: ", (verdict.word, _STYLES[verdict.level]), ". ")
     _print_text(console, head.append(verdict.sentence))

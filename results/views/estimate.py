@@ -60,6 +60,7 @@ from results.views.view import (
 )
 
 _TITLE = "Estimate"
+_MOST_LINES = 40
 
 
 def estimate_view(folder: RunFolder) -> StageView:
@@ -71,7 +72,8 @@ def estimate_view(folder: RunFolder) -> StageView:
         truth = dict(zip(names, simulated.values_of(names).tolist(), strict=True))
     payload = None if simulated is None else simulated.payload
     blocks = _blocks(folder, result, truth, payload)
-    return StageView(_verdict(result), blocks, _facts(result, truth), result.warnings)
+    facts = _facts(result, truth)
+    return StageView(_verdict(result), blocks, facts, result.warnings, most_lines=_MOST_LINES)
 
 
 def _truth(folder: RunFolder, result: EstimateFile) -> Truth | None:

@@ -336,7 +336,8 @@ class StageView:
     """The view of one stage.
 
     The facts are its most important numbers. The section has the verdict's anchor, and its title
-    where there is no `heading`. The note is written below every figure.
+    where there is no `heading`. The note is written below every figure. `most_lines` is the largest
+    number of lines on a terminal, its warnings included; 0: no limit.
     """
 
     verdict: StageVerdict
@@ -345,6 +346,7 @@ class StageView:
     warnings: tuple[str, ...] = ()
     heading: str = ""
     figure_note: str = ""
+    most_lines: int = 0
 
     @property
     def section(self) -> PageSection:

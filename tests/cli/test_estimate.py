@@ -1,6 +1,7 @@
 import io
 import json
 import re
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -9,16 +10,19 @@ import pytest
 from rich.console import Console
 
 from estimation.kinematics import MotionFitError
+from expdesign.cli.terminal import Terminal
 from expdesign.robot import load_robot
 from expdesign.stages.registry import stages
-from results.render.terminal import print_view
+from expdesign.stages.stage import Outcome
+from results.render.terminal import brief_warnings, print_view
 from results.views.folder import RunFolder
+from results.views.view import Level, StageVerdict, StageView
 from tests.estimation.cases import STEP, measured, trajectory
 
 MOTION = trajectory()
 
 
-class Outcome(NamedTuple):
+class Answer(NamedTuple):
     status: int
     output: str
     error: str
@@ -30,7 +34,7 @@ def command(expdesign, monkeypatch):
     monkeypatch.setattr("results.render.figures.draw_figures", lambda *_, **__: ())
 
     def call(*arguments):
-        return Outcome(*expdesign(*arguments))
+        return Answer(*expdesign(*arguments))
 
     return call
 
@@ -88,7 +92,7 @@ def test_the_screen_of_an_estimate_names_what_would_not_be_seen(folder, command)
     assert command(*arguments(folder)).status == 0
     view = RunFolder.open(folder / "out", stages()).view("estimate")
     console = Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None)
-    print_view(view, console, "out")
+    print_view(view, console, "out", below=len(brief_warnings(view, view.warnings, 80)))
     shown = console.file.getvalue()
     assert len(shown.splitlines()) <= 40, shown
     words = " ".join(shown.split())
@@ -102,6 +106,23 @@ def test_the_screen_of_an_estimate_names_what_would_not_be_seen(folder, command)
     uncertain = rows.parameter[share.sort_values(ascending=False).index]
     assert all(f"{name} by " in words for name in uncertain[:3])
     assert f"and {np.sum(share >= 0.5) - 3} more by over half" in words
+
+
+def test_warnings_follow_the_verdict_on_a_line_each(monkeypatch):
+    console = Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None)
+    monkeypatch.setattr("expdesign.cli.terminal.results", lambda: console)
+    monkeypatch.setattr("expdesign.cli.terminal.messages", lambda: console)
+    verdict = StageVerdict("Estimate", Level.BAD, "doubtful", "ML from 1 recording.")
+    warnings = ("12 rows were left out", "the forces lag behind the lengths. " * 5)
+    view = StageView(verdict, most_lines=40)
+    Terminal().show(Outcome(folder=Path("run"), view=view, warnings=warnings))
+    first, place, *last = console.file.getvalue().splitlines()
+    assert first.startswith("Estimate: doubtful.")
+    assert place == "written to run"
+    assert last[0] == "warning: 12 rows were left out"
+    assert last[1].startswith("warning: the forces lag behind the lengths. the forces")
+    assert last[1].endswith(" … (report)")
+    assert len(last) == 2
 
 
 @pytest.mark.parametrize("wanted", ["mass", "centre", "v1"])
@@ -139,7 +160,7 @@ def test_the_verdict_states_what_undetected_effects_change_of_what_the_run_asks_
 
 def test_an_estimate_writes_what_the_contract_names(folder, expdesign, monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")
-    result = Outcome(*expdesign(*arguments(folder)))
+    result = Answer(*expdesign(*arguments(folder)))
     assert result.status == 0, result.error
     names = {path.name for path in (folder / "out" / "figures").iterdir()}
     assert {"estimates.png", "correlation.svg", "residuals.png"} <= names

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from expdesign.robot.derived import KnownQuantity, parameters_of
 from results.notation import concise
-from results.render.terminal import print_table, print_view
+from results.render.terminal import brief_warnings, print_table, print_view
 from results.views.blocks import undetected_blocks
 from results.views.parameter_blocks import derived_blocks, symbols_blocks
 from results.views.view import (
@@ -28,6 +28,41 @@ def printed(view, place=""):
     console = Console(file=io.StringIO(), width=100, markup=False, highlight=False)
     print_view(view, console, place)
     return console.file.getvalue().splitlines()
+
+
+def test_a_limited_screen_has_fewer_rows_and_one_line_for_each_warning():
+    names = [f"p{k}" for k in range(1, 61)]
+    columns = (
+        TableColumn("parameter", kind="parameter", of=names),
+        TableColumn("value", of=[float(k) for k in range(60)]),
+    )
+    tables = tuple(
+        ReportTable.of(key, key, columns[:number], screen=True)
+        for key, number in (("first", 1), ("last", 2))
+    )
+    verdict = StageVerdict("Estimate", Level.BAD, "not converged", "It ended: no step was found.")
+    warnings = (
+        "ml: no step was found",
+        "the forces lag behind the lengths by 3 ms. " + "State the delay. " * 20,
+        *(f"warning number {k}" for k in range(3)),
+    )
+    whole = StageView(verdict, tables, warnings=warnings)
+    assert brief_warnings(whole, warnings, 100) == list(warnings)
+    view = replace(whole, most_lines=20)
+    brief = brief_warnings(view, warnings, 80)
+    assert brief[0].startswith("the forces lag behind the lengths by 3 ms. ")
+    assert brief[0].endswith(" … (report)")
+    assert len(brief[0]) <= 80 - len("warning: ")
+    assert brief[1:] == ["warning number 0", "warning number 1", "1 more in the report"]
+    console = Console(file=io.StringIO(), width=80, force_terminal=True, no_color=True)
+    print_view(view, console, "runs/a", below=len(brief))
+    lines = console.file.getvalue().splitlines()
+    assert 15 <= len(lines) + len(brief) <= 20
+    assert lines[-1] == "written to runs/a"
+    assert len(printed(whole)) > 20
+    text = "\n".join(lines)
+    assert "last (57 more in the report):" in text
+    assert text.count("p12") == 1
 
 
 def test_the_answer_comes_first():
