@@ -134,7 +134,9 @@ def _stated_table(
     """Return the run's table of a format; of several the one with this file."""
     named = [entry for entry in configuration.run.export if entry.format == name]
     if len(named) > 1:
-        named = [entry for entry in named if entry.stem == file] or named
+        named = [
+            entry for entry in named if file in {entry.stem, entry.stem + entry.suffix}
+        ] or named
     if len(named) > 1:
         stems = [entry.stem for entry in named]
         raise InputError(

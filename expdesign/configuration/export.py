@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 from importlib import import_module
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, cast
 
 from pydantic import AfterValidator, BeforeValidator, Field, SerializeAsAny, model_validator
 
@@ -61,8 +61,8 @@ class ExportSection(schema.Section):
 
     format: Annotated[str, schema.one_of(export_formats)]
     file: schema.Name | None = None
-    """File name in ``exports/`` without suffix, by default the format's name; the name of a scaled
-    motion ends in its scale."""
+    """File name in ``exports/`` with or without suffix, by default the format's name; the name of a
+    scaled motion ends in its scale."""
     space: Space | None = None
     segment: Annotated[Duration, Positive] | None = None
     """Time between two rows, s (for PVT tables the longest); by default chosen for PVT tables, and
@@ -161,9 +161,15 @@ class ExportSection(schema.Section):
     @property
     def stem(self) -> str:
         """File name without suffix, with the scale."""
-        name = self.file or self.format
+        name = (self.file or self.format).removesuffix(self.suffix)
         ending = "" if self.factor == 1 else f"-scale-{self.factor:g}"
         return name if name.endswith(ending) else f"{name}{ending}"
+
+    @property
+    def suffix(self) -> str:
+        """Suffix of the file."""
+        formats = import_module("expdesign.export.formats").table_formats()
+        return self.binary_suffix or cast("str", formats[self.format].suffix)
 
     @property
     def binary_suffix(self) -> str:

@@ -137,8 +137,7 @@ def _remedy_of_counts(check: ReadBack, settings: Settings) -> str:
 
 def file_name(section: ExportSection) -> str:
     """Return the name that a table gets in ``exports/``."""
-    suffix = table_formats()[section.format].suffix
-    return section.stem + (section.binary_suffix or suffix)
+    return section.stem + section.suffix
 
 
 def refuse_unreadable_name(section: ExportSection, path: Path, key: str) -> None:

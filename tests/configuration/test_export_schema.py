@@ -2,7 +2,10 @@
 
 import pkgutil
 
-from expdesign.configuration import load_run, resolved_yaml
+import pytest
+
+from expdesign.configuration import InputError, load_run, resolved_yaml
+from expdesign.configuration.export import export_section
 from expdesign.export import formats
 from expdesign.export.formats import table_formats
 
@@ -36,3 +39,13 @@ def test_names_and_sections(tmp_path):
 def test_two_tables_of_one_format():
     made = run("xps-pvt", {"format": "xps-pvt", "file": "slow", "segment": "20 ms"})
     assert [section.stem for section in made.run.export] == ["xps-pvt", "slow"]
+
+
+def test_a_file_may_have_the_suffix_of_its_format():
+    made = run({"format": "csv", "file": "motors.csv"}, {"format": "xps-pvt", "file": "motors.csv"})
+    names = [section.stem + section.suffix for section in made.run.export]
+    assert names == ["motors.csv", "motors.csv.trj"]
+    scaled = export_section(format="csv", file="first.csv", scale=0.5)
+    assert scaled.stem + scaled.suffix == "first-scale-0.5.csv"
+    with pytest.raises(InputError, match="'motors' is listed twice"):
+        run({"format": "csv", "file": "motors"}, {"format": "csv", "file": "motors.csv"})
