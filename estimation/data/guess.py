@@ -10,10 +10,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from constraints.arrays import Array
 from estimation.data.measurement import find_gaps, fit_grid
 from estimation.data.reading import LengthRange, format_of
 from estimation.data.stamps import epoch_unit, median_step
-from estimation.data.table import FileContent, RawTable, RecordedColumn
+from estimation.data.table import FileContent, RawTable, RecordedColumn, label
 from expdesign.configuration import (
     FORCE_CHANNELS,
     LENGTH_CHANNELS,
@@ -28,11 +29,14 @@ from expdesign.configuration.actuator_units import (
     VOLTAGE_KINDS,
     ActuatorUnits,
 )
+from expdesign.configuration.estimate import SUPPLY
 from expdesign.configuration.quantity import (
     ANGLE,
     CURRENT,
     DURATION,
+    DUTY,
     TORQUE,
+    VOLTAGE,
     Quantity,
     quantity_of_unit,
 )
@@ -143,11 +147,13 @@ def guess_data(
         guess.questions.append(
             "units: {Q: duty}: guessed from the name, −1 to 1; '%', or scale: {Q: …} for PWM steps"
         )
+    if quantity_of_unit(units.get("Q", "")) is DUTY:
+        _choose_supply([one for one in content.columns if one not in chosen.values()], guess, units)
     _check_scales(guess, units, robot)
     if force is not None and "Q" not in units and force.unit is None:
         torque = "; a torque by its name: N m" if _TORQUE.search(force.name) else ""
         guess.questions.append(f"units: {{Q: …}}: not stated, N is assumed{torque}")
-    guess.section["units"] = {key: units[key] for key in ("t", "q", "Q") if key in units}
+    guess.section["units"] = {key: units[key] for key in ("t", "q", "Q", SUPPLY) if key in units}
     for key in ("columns", "units"):
         if not guess.section[key]:
             del guess.section[key]
@@ -209,12 +215,32 @@ def _choose_columns(
     return {"t": time} | chosen
 
 
+def _choose_supply(
+    columns: Sequence[RecordedColumn], guess: DataGuess, units: dict[str, str]
+) -> None:
+    """Add the column of the motors' supply: the only voltage that is not one of six, or ask."""
+    six = [column for family in _families(columns) for column in family.columns]
+    found = {
+        column.text: _unit_in(column, (VOLTAGE,))
+        for column in columns
+        if column not in six
+        and (_unit_in(column, (VOLTAGE,)) or (column.unit is None and _SUPPLY.search(column.name)))
+    }
+    (name, unit), *others = found.items() or [("", None)]
+    if unit and not others:
+        guess.section["columns"][SUPPLY], units[SUPPLY] = name, unit
+    elif name:
+        listed = " or ".join(map(label, found))
+        guess.questions.append(f"columns: {{{SUPPLY}: …}}: is {listed} the motors' supply?")
+
+
 # --- columns --------------------------------------------------------------------------------------
 
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zäöü]+|[^\W\d_]+")
 _COMPOUND = re.compile(r"(ist|soll|act|cmd|ref)(\w{2,})")
 _NUMBER = re.compile(r"\d+")
 _DUTY = re.compile(r"pwm|duty", re.IGNORECASE)
+_SUPPLY = re.compile(r"batter|supply|volt|bus", re.IGNORECASE)
 _TORQUE = re.compile(r"torque|trq|tau|moment", re.IGNORECASE)
 _AXIS = re.compile(r"(?<![^\W_])[^\W\d_](?=\d)")
 """A letter with a number, the name of an axis: A1 is no current."""
@@ -383,6 +409,11 @@ _NO_OFFSET = (
     "no offset: readings are taken for lengths from joint to joint. Of a logger with another zero "
     "state the length of each strut at reading 0, offset: [L1, …, L6], or offset: home"
 )
+_CROSSES = (
+    "offset: home: readings cross zero, so that they are no lengths from joint to joint. The zero "
+    "is assumed at the robot's home; otherwise state the length of each strut at reading 0, "
+    "offset: [L1, …, L6]"
+)
 _MOVES = 0.02
 """Largest motion, as a share of the stroke, that does not confirm a unit."""
 
@@ -397,13 +428,13 @@ def _check_lengths(
     stated = units.get("q") or table.columns[LENGTH_CHANNELS[0]].unit
     shown = " ".join(f"{one:.4g}" for one in middle)
     if robot is None:
-        guess.facts.append(_NO_OFFSET)
+        _leave_zero_open(ends, guess)
         if stated is None:
             guess.questions.append(f"units: {{q: …}}: not stated, m is assumed; around {shown}")
         return
     allowed, conversion = LengthRange.of(robot), ActuatorUnits(robot)
     if stated and conversion.missing(stated):
-        guess.facts.append(_NO_OFFSET)
+        _leave_zero_open(ends, guess)
         return  # `_check_scales` asks for the scale
     home = robot.struts_at(robot.home).lengths
     scales = {
@@ -444,6 +475,15 @@ def _check_lengths(
         guess.questions.append(f"units: {{q: {unit}}}: not stated, fits the robot{also}")
 
 
+def _leave_zero_open(ends: Array, guess: DataGuess) -> None:
+    """Add the zero that is assumed for readings without a known scale."""
+    if np.any((ends[0] < 0) & (ends[1] > 0)):
+        guess.section["offset"] = "home"
+        guess.questions.append(_CROSSES)
+    else:
+        guess.facts.append(_NO_OFFSET)
+
+
 _NEEDS: dict[Quantity | None, str] = {
     ANGLE: "the robot file has to state the lead",
     TORQUE: "the robot file has to state the lead",
@@ -457,7 +497,8 @@ def _check_scales(guess: DataGuess, units: dict[str, str], robot: ResolvedRobot 
     """Add the conversions of units that the section or the robot file lacks."""
     for group in ("q", "Q"):
         unit = units.get(group, "")
-        if unit and (missing := ActuatorUnits(robot).missing(unit)):
+        conversion = ActuatorUnits(robot, supply_recorded=SUPPLY in units)
+        if unit and (missing := conversion.missing(unit)):
             guess.questions.append(f"{group} in {unit}: {missing[1]}")
         elif robot is None and (needed := _NEEDS.get(quantity_of_unit(unit))):
             guess.questions.append(f"{group} in {unit}: {needed}")

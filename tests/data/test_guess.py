@@ -144,6 +144,42 @@ def test_counts_of_unknown_size_leave_the_zero_open(tmp_path, rec, palida):
     assert any(fact.startswith("no offset: ") for fact in guess.facts)
 
 
+def test_counts_that_cross_zero_are_taken_from_home(tmp_path, rec, palida):
+    rec.q = np.round((rec.q - rec.q.mean(axis=0)) / 5e-7)
+    columns = {f"q{j}": f"q{j} [inc]" for j in range(1, 7)}
+    path = tmp_path / "log.csv"
+    rec.frame.rename(columns=columns).to_csv(path, index=False)
+    for machine in (None, replace(palida, drive=Drive(screw=Screw(lead=LEAD)))):
+        guess = guess_data(path, machine)
+        assert guess.section["offset"] == "home"
+        assert any("readings cross zero" in question for question in guess.questions)
+        assert not any("no offset" in fact for fact in guess.facts)
+
+
+@pytest.mark.parametrize(
+    ("others", "supply", "question"),
+    [
+        ({"battery [V]": 24.0}, "battery [V]", ""),
+        ({"battery [V]": 24.0, "logic [V]": 5.0}, None, "battery [V] or logic [V]"),
+        ({"bus": 24.0}, None, "is bus the motors' supply?"),
+        ({"coil 1 [V]": 1.0, "temperature": 30.0}, "coil 1 [V]", ""),
+        ({f"coil {j} [V]": 1.0 for j in range(6)}, None, ""),
+    ],
+)
+def test_the_only_voltage_of_duty_cycles_is_their_supply(
+    others, supply, question, tmp_path, rec, palida
+):
+    columns = {f"Q{j}": f"pwm{j} [%]" for j in range(1, 7)}
+    path = tmp_path / "log.csv"
+    rec.frame.rename(columns=columns).assign(**others).to_csv(path, index=False)
+    guess = guess_data(path, palida)
+    assert guess.section["columns"].get("U") == supply
+    assert guess.section["units"].get("U") == (supply and "V")
+    asked = [one for one in guess.questions if "the motors' supply" in one]
+    assert len(asked) == bool(question)
+    assert all(question in one for one in asked)
+
+
 @pytest.mark.parametrize(
     ("before", "after", "wanted"),
     [
