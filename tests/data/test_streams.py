@@ -7,6 +7,7 @@ import pytest
 from estimation.data.reading import read_measurement
 from estimation.data.streams import resample
 from estimation.identification import estimate_parameters
+from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import DataSection, InputError
 from tests.estimation.cases import ROBOT, run, trajectory
 
@@ -158,3 +159,29 @@ def test_files_that_do_not_fit_are_refused(tmp_path, changes, message):
     with pytest.raises(InputError) as caught:
         _read(section)
     assert message in str(caught.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("jitter", [0.0, 0.3])
+def test_intervals_of_estimates_from_two_files_cover(tmp_path, jitter):
+    """Rates of their own, forces late by −4 to 12 ms, stamps with jitter (parts of a step)."""
+    held, lags = [], []
+    for seed in range(20):
+        rng = np.random.default_rng([7, seed])
+        late, of_forces = rng.uniform(-4e-3, 12e-3), _grid(250)
+        of_forces += jitter * rng.uniform(-1, 1, len(of_forces)) / 250
+        section = _files(tmp_path, _grid(500), of_forces, seed=seed)
+        if jitter:
+            section["time"] = "stamped"
+        table = pd.read_csv(section["files"]["forces"])
+        table["stamp"] += late
+        table.to_csv(section["files"]["forces"], index=False, float_format="%.17g")
+        case = run({"estimators": ["ml"], "harmonics": 2}, tolerances={"delay": "10 ms"})
+        found = estimate_parameters(case, _read(section), MOTION)["ml"]
+        (lag,) = (one for one in found.systematic.deviations if one.name == "delay")
+        lags.append((lag.value - late) / lag.std)
+        widths = interval_widths(found.freedom) * found.std
+        held.append(np.mean(np.abs(found.values - ROBOT.parameters) < widths))
+    assert abs(np.mean(held) - 0.95) < 3 * np.std(held) / np.sqrt(len(held))
+    assert 0.6 < np.sqrt(np.mean(np.square(lags))) < 1.4
+    assert np.max(np.abs(lags)) < 3.5

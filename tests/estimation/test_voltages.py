@@ -11,6 +11,7 @@ from estimation.montecarlo.study import Workbench
 from estimation.twin import Twin
 from estimation.twin.machine import machine_within_tolerances
 from estimation.twin.truth import write_measurement
+from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.configuration.run import robot_yaml
@@ -178,3 +179,25 @@ def test_a_study_of_voltages_has_its_bound():
     assert sum(free) == len(ROBOT.parameter_names)
     assert np.all(error[~free] == 0)
     assert np.sqrt(np.mean((error[free] / bound[free]) ** 2)) < 2
+
+
+@pytest.mark.slow
+def test_intervals_of_estimates_from_duty_cycles_cover():
+    """Machines drawn from the tolerances of their motors."""
+    shares = {key: {"common": "2 %", "each": "1 %"} for key in MOTOR_EFFECTS}
+    motor, data = MOTOR | {"supply": "48 V"}, {"units": {"Q": "%"}}
+    case = _run(motor, data, ("ml",), tolerances={"motor": shares})
+    case = case.with_section("experiment", periods=5, sampling=200.0)
+    held = []
+    for seed in range(20):
+        draw = np.random.default_rng([7, seed]).normal(size=21)
+        machine = machine_within_tolerances(case, draw).configuration
+        recording = Twin.of(machine, trajectory(), seed=seed).measurement(1)
+        found = estimate_parameters(case, recording, trajectory())
+        truth = dict(zip(ROBOT.parameter_names, ROBOT.parameters, strict=True))
+        own = [name in truth for name in found.priors.names]
+        names = [name for name in found.priors.names if name in truth]
+        errors = found["ml"].values[own] - [truth[name] for name in names]
+        widths = (interval_widths(found["ml"].freedom) * found["ml"].std)[own]
+        held.append(np.mean(np.abs(errors) < widths))
+    assert abs(np.mean(held) - 0.95) < 3 * np.std(held) / np.sqrt(len(held))
