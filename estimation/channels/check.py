@@ -14,10 +14,11 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+import scipy
 
 from constraints.arrays import Array
 from estimation.channels.lag import delay_error
-from estimation.channels.model import ChannelModel
+from estimation.channels.model import MOST_SHIFTED, ChannelModel
 from estimation.channels.report import (
     changed_keys,
     correct_force_unit,
@@ -29,7 +30,7 @@ from estimation.channels.report import (
     shortened,
 )
 from estimation.channels.search import ChannelSearch
-from estimation.channels.wiring import Candidate, Wiring
+from estimation.channels.wiring import STRUTS, Candidate, Wiring
 from estimation.diagnostics.finding import Assumption, Finding, join_words
 from estimation.processing import NoiseModel, PeriodicRecording
 from expdesign.configuration import InputError, Problem
@@ -63,6 +64,14 @@ _ASSIGNED = Assumption(
     "a channel is assigned wrongly",
     "check the cabling and the files of the controller",
 )
+
+_SAME_ZEROS = Assumption(
+    "recording and controller measure the lengths from the same zeros",
+    "recording and controller measure a length from different zeros",
+    "compare the home offsets of both",
+)
+_BY_CHANCE = 1e-3
+"""Probability of different zeros of struts that are all alike."""
 
 
 class WrongChannelsError(InputError):
@@ -103,6 +112,8 @@ class ChannelCheck:
     """Sentence on a factor of all forces that no machine of the kind has; empty: none."""
     silent: str = ""
     """Sentence on forces that do not follow the motion; empty: all of them do."""
+    zeros: Finding | None = None
+    """Lengths that differ from those of the executed design by a constant, unlike the others."""
     least_lag: Callable[[], float] = lambda: 0.0
     """Returns the smallest lag of the forces that this recording would have shown, s."""
     clock: str = ""
@@ -155,9 +166,10 @@ class ChannelCheck:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """The finding that reports the faults; empty unless they are certain."""
+        """The findings that report different zeros, and the faults if they are certain."""
+        zeros = () if self.zeros is None else (self.zeros,)
         if not (self.faults and self.sure):
-            return ()
+            return zeros
         places, sentences = zip(*self.faults, strict=True)
         found = _ASSIGNED.report_failure(
             f"{'; '.join(sentences)}: that explains the force residuals"
@@ -169,6 +181,7 @@ class ChannelCheck:
                 contradiction=f"{_ASSIGNED.contradiction} ({', '.join(places)})",
                 advice=f"{advice}, or correct the cables or the home offset",
             ),
+            *zeros,
         )
 
 
@@ -242,6 +255,12 @@ def check_channels(
             faults = ("q", _unstated_zeros(found.lengths, undecided=search.undecided)), *faults
             keys = {"offset": "home"} | keys
         check = ChannelCheck(faults, keys, sure, *shown, lag=lag, force_scale=scale)
+    check = replace(
+        check,
+        zeros=None
+        if from_home or (check.sure and "offset" in check.keys)
+        else find_different_zeros(robot, section, found, zeros, search.differences),
+    )
     corrected = partial(correct_force_unit, robot, section, check.keys, *factor)
     return check.with_force_unit(None if check.unexplained else corrected(has_unit=has_unit))
 
@@ -270,6 +289,44 @@ def channel_findings(checks: Sequence[ChannelCheck]) -> tuple[Finding, ...]:
         for number, check in enumerate(checks, 1)
         for finding in check.findings
     )
+
+
+def find_different_zeros(
+    robot: Robot, section: DataSection, found: Candidate, zeros: Array, differences: Array | None
+) -> Finding | None:
+    """Return the finding on lengths that differ from those commanded, if they alone do so.
+
+    A controller that follows lengths reads those of the design, from its own zeros; a displaced
+    joint, or poses that it follows otherwise, move all lengths. The others are the scale of the
+    test, Student's t. None without an executed design.
+    """
+    if differences is None:
+        return None
+    tolerances = robot.description.tolerances or RobotTolerances()
+    stated = np.array(tolerances.strut_length or [0.0] * ACTUATORS)
+    least = np.where(
+        stated > 0, _TOLERATED * stated, _LEAST_ZERO * robot.inverse_kinematics(robot.home)
+    )
+    order = np.argsort(-np.abs(differences))
+    for count in range(1, MOST_SHIFTED + 1):
+        far, others = np.sort(order[:count]), differences[order[count:]]
+        scale = max(float(np.sqrt(np.mean(others**2))), np.finfo(float).tiny)
+        t = float(np.min(np.abs(differences[far]))) / scale
+        p = 2 * float(scipy.special.comb(ACTUATORS, count) * scipy.stats.t.sf(t, len(others)))
+        if p < _BY_CHANCE and np.all(np.abs(differences[far]) > least[far]):
+            names = join_words(f"q{strut + 1}" for strut in far)
+            amounts = join_words(f"{1e3 * each:+.3g} mm" for each in differences[far])
+            moved = np.where(np.isin(STRUTS, far), -differences, 0.0)
+            mended = replace(found, lengths=replace(found.lengths, offsets=moved))
+            key = dict(changed_keys(section, mended, zeros, has_units=True))["offset"]
+            most = 1e3 * float(np.max(np.abs(others)))
+            sentence = (
+                f"{names} differ{'s' * (count == 1)} from the length{'s' * (count > 1)} that the "
+                f"executed design commands by {amounts}, the others by at most {most:.2g} mm"
+            )
+            advice = f"{_SAME_ZEROS.advice}; if the recording is wrong, `data.offset: {flow(key)}`"
+            return _SAME_ZEROS.fails(sentence, p, _BY_CHANCE, names, advice)
+    return None
 
 
 def _least_faults(robot: Robot, home: Array, step: float) -> tuple[Array, float]:

@@ -384,10 +384,11 @@ class ChannelModel:
         explained = np.einsum("rin,ri->n", shapes, rest)[seen] ** 2 / left[seen]
         return float(np.max(explained, initial=0.0)) / float(np.sum(self.forces**2))
 
-    def wiring_of_design(self, design: FourierTrajectory) -> Wiring | None:
+    def wiring_of_design(self, design: FourierTrajectory) -> tuple[Wiring, Array] | None:
         """Return the wiring that gives the lengths of the designed motion, begun at any time.
 
-        None if the machine does not execute it, or if several wirings give these lengths.
+        With the mean differences of its lengths from those of the design, (6,), m. None if the
+        machine does not execute it, or if several wirings give these lengths.
         """
         harmonics = design.harmonics + _FURTHER
         if len(self.readings) <= 2 * harmonics + 1:
@@ -420,7 +421,7 @@ class ChannelModel:
         apart = shifted & (np.abs(offsets) > usual)
         if 0 < np.count_nonzero(apart) <= MOST_SHIFTED:
             shifted = apart
-        return Wiring(channels, gains, np.where(shifted, offsets, 0.0))
+        return Wiring(channels, gains, np.where(shifted, offsets, 0.0)), -offsets
 
 
 def _series(phases: Array, values: Array, harmonics: int) -> tuple[Array, ComplexArray]:

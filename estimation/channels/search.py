@@ -61,6 +61,8 @@ class ChannelSearch:
         self.model, self.assumed = model, assumed
         self.undecided = True
         """Whether neither design nor forces show which zeros of the lengths are right."""
+        self.differences: Array | None = None
+        """(6,), m, mean lengths less those of the design; None: it was not executed."""
         self._known: dict[tuple[Wiring, Wiring], LagSearch] = {}
 
     def search(self, design: FourierTrajectory | None) -> Candidate:
@@ -69,7 +71,9 @@ class ChannelSearch:
         Order, sign and scale of the lengths come from the design, if they can. Discrete changes
         are tried first, then the zero of a length and the value of the delay.
         """
-        known = None if design is None else self.model.wiring_of_design(design)
+        known, self.differences = (
+            None if design is None else self.model.wiring_of_design(design)
+        ) or (None, None)
         self.undecided = known is None
         measured = Wiring.as_measured()
         measured = replace(measured, gains=self.model.unit * measured.gains)

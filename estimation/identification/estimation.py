@@ -582,9 +582,6 @@ def _warnings(
     found = []
     for recording, check in zip(recordings, channels, strict=True):
         where = f"{recording.source}: " if recording.source and len(recordings) > 1 else ""
-        dropped = recording.experiment.recording.dropped
-        if dropped:
-            found.append(f"{where}{dropped} rows of incomplete periods were left out")
         noise, single = recording.experiment.noise, None
         fit = recording.experiment.fit
         if fit is not None and isinstance(fit.motion, SplineMotion):
@@ -609,7 +606,8 @@ def _warnings(
             )
             if own.includes_model_error and single is None
         ]
-        notes = (*recording.warnings, check.silent, check.lag)
+        left_out = recording.experiment.recording.rows_left_out
+        notes = (left_out, *recording.warnings, check.silent, check.lag)
         found += [where + warning for warning in notes if warning]
         if recording.experiment.harmonics_left_out:
             found.append(

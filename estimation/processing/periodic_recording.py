@@ -282,6 +282,16 @@ class PeriodicRecording:
         """Length of a period, s."""
         return float(2 * np.pi / self.omega)
 
+    @property
+    def rows_left_out(self) -> str:
+        """Sentence on the rows of incomplete periods or means; empty: there are none."""
+        if not self.dropped:
+            return ""
+        if self.source is PeriodSource.NONE:
+            return f"{self.dropped} rows at the end were left out of means of neighbours"
+        whole = round(self.period / self.step)
+        return f"{self.dropped} rows of incomplete periods were left out: a whole one has {whole}"
+
     def as_weighted(self, noise: NoiseModel) -> PeriodicRecording:
         """Return the recording with the counts that the filters of this noise require."""
         forces, lengths = noise.forces.filter, noise.lengths.filter

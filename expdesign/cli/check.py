@@ -148,11 +148,12 @@ def show_channels(run: str, data: Path, design: Path | None, *, as_json: bool) -
         "and the robot file those of the recording?"
     )
     doubts = [doubt] if found.unexplained and not failure else []
-    doubts += filter(None, (found.silent, found.lag, found.force_scale))
+    zeros = "" if found.zeros is None else f"{found.zeros.sentence}: {found.zeros.advice}"
+    doubts += filter(None, (zeros, found.silent, found.lag, found.force_scale))
     if as_json:
         faults = [{"place": place, "sentence": sentence} for place, sentence in found.faults]
         keys = ("sure", "silent", "lag", "force_scale", "explained", "as_given", "noise")
-        channels = {"faults": faults, **{key: getattr(found, key) for key in keys}}
+        channels = {"faults": faults, "zeros": zeros, **{key: getattr(found, key) for key in keys}}
         clock = [found.clock] if found.clock else []
         result = {**sections, "channels": channels, "warnings": [*clock, *remarks, *doubts]}
         if failure:

@@ -99,6 +99,8 @@ def test_incomplete_periods_are_dropped_and_counted():
     data = measured(trajectory(), periods=4.4)
     record = fold_recording(data, 2 * np.pi, PeriodSource.DESIGN)
     assert (record.periods, record.rows, record.dropped) == (4, 800, 80)
+    left_out = "80 rows of incomplete periods were left out: a whole one has 200"
+    assert record.rows_left_out == left_out
     late = with_column(data, 200, start=60)
     record = fold_recording(late, 2 * np.pi, PeriodSource.COLUMN)
     assert record.forces.times[0] == pytest.approx(140 * STEP)
