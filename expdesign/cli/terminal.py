@@ -44,7 +44,8 @@ class Terminal(Progress):
         """Print the view of a stage's result, then its warnings."""
         console, view, warnings = results(), outcome.view, outcome.warnings
         if not self._quiet and view is not None:
-            warnings = tuple(brief_warnings(view, warnings, console.width))
+            if console.is_terminal:  # logs keep whole warnings
+                warnings = tuple(brief_warnings(view, warnings, console.width))
             print_view(view, console, short(outcome.folder), below=len(warnings))
         for warning in warnings:
             self.warn(warning)
