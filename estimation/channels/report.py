@@ -22,7 +22,8 @@ _SHOWN_ERROR = 0.005
 _SHOWN = 0.02
 """Smallest part of a lag that is stated."""
 _LOUD = 10.0
-"""Median variance of the forces over the period, in terms of noise, for one without it to show."""
+"""Least median ratio of a force's variance over the period to that of its noise, for which a force
+without motion is named."""
 _ALIKE = 0.8
 """Smallest square of the cosine between forces of a machine and those of its robot file."""
 
@@ -245,14 +246,14 @@ def describe_silent_forces(recording: PeriodicRecording, noise: NoiseModel) -> s
 def describe_force_scale(robot: Robot, factor: float, alike: float, *, has_unit: bool) -> str:
     """Return the sentence on a factor between measured forces and those of the robot file.
 
-    Where the file has their unit, a scale corrects them.
+    If the recording's file states a unit of the forces, the advice is a scale.
     """
     if alike < _ALIKE or not is_far(factor):
         return ""
     advice = advise_on_scale(factor, robot.description.drive.torque_per_force)
     if has_unit and factor > 0:
         scale = f"`data.scale: {{Q: {1 / factor:.2g}}}`"
-        advice = f"the unit in the file is wrong ({scale}), or the masses of the robot file are"
+        advice = f"their unit in the recording ({scale}) or the masses of the robot file are wrong"
     return f"the forces are about {factor:.2g} times those of the robot file: {advice}"
 
 

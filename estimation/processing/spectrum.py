@@ -337,7 +337,7 @@ class NoiseLines:
 
 
 _ROUNDING = 1e-16
-"""Rounding errors of the noise at a line, fourth power, relative to the largest."""
+"""Size of rounding errors of Lᵀ C̄ L at a line, relative to its largest eigenvalue."""
 _SHOWN = 0.1
 """Largest remaining share of a jump."""
 
