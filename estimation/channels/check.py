@@ -26,6 +26,7 @@ from estimation.channels.report import (
     describe_faults,
     describe_force_scale,
     describe_lag,
+    describe_silent_forces,
     flow,
     shortened,
 )
@@ -190,7 +191,7 @@ def check_channels(
     section: DataSection,
     recording: PeriodicRecording,
     noise: NoiseModel,
-    harmonics: int,
+    harmonics: int | None,
     design: FourierTrajectory | None = None,
     *,
     has_units: Collection[str] = (),
@@ -199,18 +200,17 @@ def check_channels(
 
     All parameters are free, the geometry is the nominal one. With the executed design, its lengths
     determine the channels of the lengths. `has_units` are the groups of channels of which the file
-    has units: another unit of the lengths is then a scale.
+    has units: another unit of the lengths is then a scale. The harmonics are those of the motion;
+    None: it has no period, and is a spline through the lengths.
+
+    Raises
+    ------
+    MotionFitError
+        A recording without a period is too short.
     """
-    home = robot.inverse_kinematics(robot.home)
-    zeros = home if section.length_offsets == "home" else np.array(section.length_offsets)
-    least = _least_faults(robot, home, recording.step)
-    model = ChannelModel(robot, recording, noise, harmonics, zeros, *least)
-    from_home = not (model.possible or np.any(zeros))
-    if from_home:
-        zeros = home
-        lengths = replace(recording.lengths, values=recording.lengths.values + home)
-        recording = replace(recording, lengths=lengths)
-        model = ChannelModel(robot, recording, noise, harmonics, zeros, *least)
+    silent = describe_silent_forces(recording, noise)
+    model, from_home = _model_of_section(robot, section, recording, noise, harmonics)
+    zeros = model.zeros
     given = model.candidate_as_measured()
     search = ChannelSearch(model, assumed=from_home)
     found = search.search(design)
@@ -230,13 +230,7 @@ def check_channels(
     # Without stated zeros none of them is wrong.
     named = replace(found.lengths, offsets=np.zeros(ACTUATORS)) if from_home else found.lengths
     faults = tuple(describe_faults(replace(found, lengths=named), late_error, gain_errors))
-    margin = found.next_best - found.excess
-    # Channels that explain mean forces alone, behind a low pass of all variation, are not certain.
-    sure = (
-        (left < _LEFT and margin > max(_CLEAR * left, model.least_decrease))
-        and (found.channel_lag is None and of_found > _LEAST_CERTAIN_SHARE)
-        and float(np.max(gain_errors)) < _LEAST_CERTAIN_GAIN
-    )
+    sure = _is_certain(model, found, of_found, gain_errors)
     shown = explained, as_given, noise_share
     accepted = explained >= _EXPLAINED and (sure or not none)
     factor = model.nominal_scale(found if accepted else given)
@@ -257,12 +251,49 @@ def check_channels(
         check = ChannelCheck(faults, keys, sure, *shown, lag=lag, force_scale=scale)
     check = replace(
         check,
+        silent=silent,
         zeros=None
         if from_home or (check.sure and "offset" in check.keys)
         else find_different_zeros(robot, section, found, zeros, search.differences),
     )
     corrected = partial(correct_force_unit, robot, section, check.keys, *factor)
     return check.with_force_unit(None if check.unexplained else corrected(has_unit=has_unit))
+
+
+def _model_of_section(
+    robot: Robot,
+    section: DataSection,
+    recording: PeriodicRecording,
+    noise: NoiseModel,
+    harmonics: int | None,
+) -> tuple[ChannelModel, bool]:
+    """Return the model with the zeros of the section, and whether they had to be those at home.
+
+    Readings about zero are no lengths; where the section states no zeros, they count from home.
+    """
+    home = robot.inverse_kinematics(robot.home)
+    zeros = home if section.length_offsets == "home" else np.array(section.length_offsets)
+    least = _least_faults(robot, home, recording.step)
+    model = ChannelModel(robot, recording, noise, harmonics, zeros, *least)
+    if model.possible or np.any(zeros):
+        return model, False
+    lengths = replace(recording.lengths, values=recording.lengths.values + home)
+    recording = replace(recording, lengths=lengths)
+    return ChannelModel(robot, recording, noise, harmonics, home, *least), True
+
+
+def _is_certain(model: ChannelModel, found: Candidate, explained: float, errors: Array) -> bool:
+    """Return whether no other channels explain the forces nearly as well.
+
+    Channels that explain mean forces alone, behind a low pass of all variation, are not certain.
+    Errors are those of the gains.
+    """
+    left, margin = model.left(found.excess), found.next_best - found.excess
+    return (
+        (left < _LEFT and margin > max(_CLEAR * left, model.least_decrease))
+        and (found.channel_lag is None and explained > _LEAST_CERTAIN_SHARE)
+        and float(np.max(errors)) < _LEAST_CERTAIN_GAIN
+    )
 
 
 def _lag_in_words(robot: Robot, section: DataSection, found: Candidate, *, ambiguous: bool) -> str:

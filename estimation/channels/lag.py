@@ -18,7 +18,7 @@ from scipy.optimize import minimize, minimize_scalar
 from constraints.arrays import Array
 from estimation.channels.model import OF_LAG, ChannelModel
 from estimation.channels.wiring import Candidate, ChannelLag, Wiring
-from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model import HarmonicMotion, Motion
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.robot import Robot
 
@@ -175,7 +175,7 @@ def with_channel_lag(model: ChannelModel, present: Candidate) -> Candidate:
 
 
 def columns_of_lags(
-    model: ChannelModel, present: Candidate, near: HarmonicMotion
+    model: ChannelModel, present: Candidate, near: Motion
 ) -> Callable[[ChannelLag | None], Array]:
     """Return the columns, (R, 6, m), behind the lag of one channel, near a motion."""
 

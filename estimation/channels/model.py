@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from constraints.arrays import Array, ComplexArray
+from estimation.channels.readings import readings_of, thin_rows
 from estimation.channels.wiring import (
     DETERMINED,
     ORDERS,
@@ -26,17 +27,16 @@ from estimation.channels.wiring import (
     round_factor,
 )
 from estimation.kinematics import signs_about
-from estimation.measurement_model import HarmonicMotion
+from estimation.measurement_model import Motion
 from estimation.measurement_model.prediction import held_regressor_kernel
 from estimation.processing import NoiseModel, PeriodicRecording
-from estimation.processing.periodic_recording import Channels
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.terms.rigid_platform import MASS
 from expdesign.robot import Robot
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
 
-_FORCE_ROWS, _LENGTH_ROWS = 1000, 256
-"""Largest number of rows in use: means over periods, or single samples."""
+_FORCE_ROWS = 1000
+"""Largest number of rows of the forces in use: means over periods, or single samples."""
 _ROWS_TOGETHER = 4000
 """Rows of delays that are evaluated at once; more need memory beyond the processor's cache."""
 _STEPS = 12
@@ -54,8 +54,6 @@ MUCH_BETTER = 4.0
 """Ratio of unexplained forces from which on another wiring is preferred to a simpler one."""
 _EQUAL = 1e-3
 """Unexplained share, in addition; another order or sign leaves 4 % or more."""
-_OF_LENGTHS = 4
-"""Harmonics of a length that is shifted, relative to those of the motion."""
 OF_LAG = 0.5
 """Least decrease by a lag of the channels as measured, relative to that by any of all wirings."""
 _LOW_PASS = np.polynomial.laguerre.laggauss(16)
@@ -87,8 +85,8 @@ class ChannelModel:
 
     Parameters
     ----------
-    harmonics : int
-        Harmonics of the motion.
+    harmonics : int or None
+        Harmonics of the motion; None: it has no period.
     zeros : (6,)
         Lengths of the struts at readings of zero, m. Signs and scales act on the readings.
     least_zeros : (6,)
@@ -102,7 +100,7 @@ class ChannelModel:
         robot: Robot,
         recording: PeriodicRecording,
         noise: NoiseModel,
-        harmonics: int,
+        harmonics: int | None,
         zeros: Array,
         least_zeros: Array,
         least_delay: float,
@@ -110,8 +108,8 @@ class ChannelModel:
         self.robot, self.omega, self.step = robot, recording.omega, recording.step
         self.zeros, self.least_zeros, self.least_delay = zeros, least_zeros, least_delay
         self._filtered = recording.forces.response is not None
-        self.length_times, lengths, _ = _thin_rows(recording.lengths, _LENGTH_ROWS)
-        self.readings = lengths - zeros
+        self._measured = readings_of(recording, harmonics)
+        self.readings = self._measured.values - zeros
         found = self._find_unit()
         self.unit, self.possible = found or 1.0, found is not None
         coloured, variances = noise.forces.filter, np.diag(noise.forces.covariance)
@@ -122,7 +120,8 @@ class ChannelModel:
             spectrum = np.diagonal(coloured.spectrum, axis1=1, axis2=2).real
             self._density, rows = np.mean(spectrum, axis=1), coloured.samples
             variances = np.mean(spectrum / self._density[:, None], axis=0)
-        self.force_times, forces, counts = _thin_rows(recording.forces, rows)
+        used = self._measured.used_forces(recording.forces.times)
+        self.force_times, forces, counts = thin_rows(recording.forces, rows, used)
         self._measured_forces, self.forces = forces, self.whiten(forces)
         self._work_noise = float(
             np.sqrt(np.max(np.diag(noise.forces.covariance)) / np.mean(counts))
@@ -132,14 +131,10 @@ class ChannelModel:
         self._share = share
         self.least_decrease = LEAST * share / self.forces.size
         self.spread = share * float(np.sqrt(2 / self.forces.size))
-        self._harmonics = min(_OF_LENGTHS * harmonics, (len(self.readings) - 1) // 2)
-        most = min(harmonics, (len(self.readings) - 1) // 2)
-        basis = PhaseBasis.at(self.omega * self.length_times, most)
-        self._to_series = np.asarray(np.linalg.pinv(basis.value), np.float64)
         self._scale = np.repeat([1.0, 1 / robot.characteristic_length], COORDINATES // 2)
         self.period = recording.period
-        self._motions: dict[Wiring, HarmonicMotion] = {}
-        self._last_fit: tuple[tuple[HarmonicMotion, float, float], ForceFit] | None = None
+        self._motions: dict[Wiring, Motion] = {}
+        self._last_fit: tuple[tuple[Motion, float, float], ForceFit] | None = None
 
     def _find_unit(self) -> float | None:
         """Return the unit of the lengths, relative to that stated, with which most are possible."""
@@ -157,14 +152,14 @@ class ChannelModel:
     def motion(
         self,
         lengths: Wiring,
-        near: HarmonicMotion | None = None,
+        near: Motion | None = None,
         lag: ChannelLag | None = None,
-    ) -> HarmonicMotion:
+    ) -> Motion:
         """Return the motion with the readings nearest to the measured lengths.
 
         Damped Newton steps, one row at a time, from a near motion or from home; lengths that no
-        pose has end at a near one. With the lag of one of the lengths, its readings are shifted
-        along their Fourier series. One from home is computed once.
+        pose has end at a near one. With the lag of one of the lengths, its readings are those of
+        a later instant. One from home is computed once.
         """
         if near is not None or lag is not None:
             return self._solve_motion(lengths, near, lag)
@@ -172,19 +167,13 @@ class ChannelModel:
             self._motions[lengths] = self._solve_motion(lengths, None, None)
         return self._motions[lengths]
 
-    def _solve_motion(
-        self, lengths: Wiring, near: HarmonicMotion | None, lag: ChannelLag | None
-    ) -> HarmonicMotion:
+    def _solve_motion(self, lengths: Wiring, near: Motion | None, lag: ChannelLag | None) -> Motion:
         wanted = lengths.apply(self.readings) + self.zeros
         if lag is not None and lag.group == "q":
-            now, late = (
-                PhaseBasis.at(self.omega * (self.length_times + shift), self._harmonics).value
-                for shift in (0.0, lag.seconds)
-            )
-            series = np.linalg.lstsq(now, wanted[:, lag.strut], rcond=None)[0]
-            wanted[:, lag.strut] += (late - now) @ series
+            changes = self._measured.change(int(lengths.channels[lag.strut]), lag.seconds)
+            wanted[:, lag.strut] += lengths.gains[lag.strut] * changes
         home = np.broadcast_to(self.robot.home, wanted.shape)
-        poses = home if near is None else near.at(self.length_times).pose()
+        poses = home if near is None else near.at(self._measured.times).pose()
         largest = _LARGEST_STEP * self.robot.characteristic_length
         for _ in range(_STEPS):
             found, jacobian = self.robot.lengths_and_jacobian(poses)
@@ -197,9 +186,9 @@ class ChannelModel:
             poses = poses + self._scale * step
             if np.max(size) < _REACHED:
                 break
-        return HarmonicMotion((self._to_series @ poses).T, self.omega)
+        return self._measured.fit_motion(poses)
 
-    def columns(self, motion: HarmonicMotion, delay: float = 0.0, low_pass: float = 0.0) -> Array:
+    def columns(self, motion: Motion, delay: float = 0.0, low_pass: float = 0.0) -> Array:
         """Return A, (R, 6, m), for forces behind a delay and a low pass, s.
 
         Behind a lag the jumps of dry friction are spread over a step. Sharp ones would give the sum
@@ -231,7 +220,7 @@ class ChannelModel:
         scale = np.sqrt(self._density).reshape(-1, *(1,) * (rows.ndim - 1))
         return np.fft.irfft(np.fft.rfft(rows, axis=0) / scale, len(rows), axis=0)
 
-    def fit(self, motion: HarmonicMotion, delay: float = 0.0, low_pass: float = 0.0) -> ForceFit:
+    def fit(self, motion: Motion, delay: float = 0.0, low_pass: float = 0.0) -> ForceFit:
         """Return the fits of the forces along a motion, behind a delay and a low pass, s.
 
         The last ones are kept.
@@ -272,9 +261,7 @@ class ChannelModel:
         forces = self._orient(forces, fit, motion, delay)
         return Candidate(lengths, forces, delay, excess, next_best)
 
-    def _orient(
-        self, forces: Wiring, fit: ForceFit, motion: HarmonicMotion, delay: float
-    ) -> Wiring:
+    def _orient(self, forces: Wiring, fit: ForceFit, motion: Motion, delay: float) -> Wiring:
         """Return the wiring of the forces, with all signs reversed if physics demands it.
 
         A fit with free parameters does not depend on this sign. The mass must be positive, and over
@@ -396,7 +383,7 @@ class ChannelModel:
         phases = 2 * np.pi * np.arange(_PHASES) / _PHASES
         planned = self.robot.inverse_kinematics(design.sample(phases / design.omega).pose)
         middle, wanted = _series(phases, planned, harmonics)
-        mean, found = _series(self.omega * self.length_times, self.readings, harmonics)
+        mean, found = _series(self.omega * self._measured.times, self.readings, harmonics)
         turns = np.exp(1j * np.outer(phases, np.arange(1, harmonics + 1)))
         sizes = np.linalg.norm(wanted, axis=0)[:, None] * np.linalg.norm(found, axis=0)
         products = np.einsum("tk,ki,kj->tij", turns, wanted.conj(), found, optimize=True).real
@@ -429,9 +416,3 @@ def _series(phases: Array, values: Array, harmonics: int) -> tuple[Array, Comple
     basis = PhaseBasis.at(phases, harmonics).value
     found = np.linalg.lstsq(basis, values, rcond=None)[0]
     return found[0], np.asarray(found[harmonics + 1 :] - 1j * found[1 : harmonics + 1])
-
-
-def _thin_rows(channels: Channels, most: int) -> tuple[Array, Array, Array]:
-    """Return times, values and counts of at most so many rows of a recording's channels."""
-    rows = np.unique(np.linspace(0, len(channels.values) - 1, most).astype(np.intp))
-    return channels.times[rows], channels.values[rows], channels.counts[rows]

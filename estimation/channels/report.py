@@ -233,7 +233,7 @@ def describe_silent_forces(recording: PeriodicRecording, noise: NoiseModel) -> s
     signal = np.var(forces.as_recorded(forces.values), axis=0) / variances
     count = len(forces.values) if used is None else used.count
     silent = _numbers(signal < 1 + 4 * np.sqrt(2 / count))
-    if not silent or np.median(signal) < _LOUD or noise.forces.includes_model_error:
+    if not silent or np.median(signal) < _LOUD:
         return ""
     place = join_words(f"Q{number}" for number in silent)
     verb = "do" if len(silent) > 1 else "does"

@@ -19,7 +19,6 @@ from estimation.channels.lag import (
 )
 from estimation.channels.model import MOST_SHIFTED, MUCH_BETTER, ChannelModel
 from estimation.channels.wiring import STRUTS, Candidate, Wiring
-from estimation.measurement_model import HarmonicMotion
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.trajectory import FourierTrajectory
 
@@ -252,17 +251,15 @@ class ChannelSearch:
 
         Zeros that promise to leave more than the share `most` are left out.
         """
-        near = self.model.motion(present.lengths)
         for strut in range(ACTUATORS):
-            yield self._at_zero(present, strut, most, near)
+            yield self._at_zero(present, strut, most)
 
-    def _at_zero(
-        self, present: Candidate, strut: int, most: float, near: HarmonicMotion
-    ) -> Candidate:
+    def _at_zero(self, present: Candidate, strut: int, most: float) -> Candidate:
         """Return the wiring with the zero of one length that explains most."""
 
         def excess(offset: float) -> float:
-            motion = self.model.motion(present.lengths.shift(strut, offset), near)
+            # From home: poses of wrong zeros may be on the other side of a singular one.
+            motion = self.model.motion(present.lengths.shift(strut, offset))
             return self.model.fit(motion, present.delay, present.low_pass or 0.0).excess(
                 present.forces
             )

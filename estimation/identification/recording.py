@@ -20,7 +20,6 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.channels.check import ChannelCheck, check_channels
 from estimation.channels.lag import slow_low_pass_warning
-from estimation.channels.report import describe_silent_forces
 from estimation.data.measurement import Measurement
 from estimation.estimators import Experiment, ParameterPriors, linear_estimate
 from estimation.estimators.experiment import MotionEstimate
@@ -31,7 +30,7 @@ from estimation.identification.periods import (
     choose_omega,
     period_warning,
 )
-from estimation.identification.single_shot import estimate_noise, smooth_channels, spline_experiment
+from estimation.identification.single_shot import estimate_noise, spline_experiment
 from estimation.kinematics import (
     MotionFit,
     MotionFitError,
@@ -54,6 +53,7 @@ from estimation.processing import (
 )
 from estimation.processing.noise import ENOUGH_FREEDOM
 from estimation.processing.spectrum import NoiseLines, given_filter
+from estimation.splines import smooth_channels
 from expdesign.configuration import InputError, RunConfiguration
 from expdesign.configuration.estimate import SpectrumOrigin
 from expdesign.noise import NoiseSpectrum
@@ -205,17 +205,17 @@ def check_recording(
     *,
     has_units: Collection[str] = (),
 ) -> ChannelCheck:
-    """Check the channels of a folded recording; without a period nothing is found.
+    """Check the channels of a folded recording.
 
-    `has_units` are the groups of channels whose units the recording's file has.
+    `has_units` are the groups of channels whose units the recording's file has. A recording without
+    a period is not compared with a design.
     """
-    if folded[0].source is PeriodSource.NONE:
-        return ChannelCheck((), {}, sure=False, explained=0.0)
     planned = configuration.run.trajectory.harmonics if design is None else design.harmonics
-    harmonics = configuration.run.estimate.harmonics or planned
+    harmonics: int | None = configuration.run.estimate.harmonics or planned
+    if folded[0].source is PeriodSource.NONE:
+        harmonics, design = None, None
     section = configuration.run.data
-    check = check_channels(robot, section, *folded, harmonics, design, has_units=has_units)
-    return replace(check, silent=describe_silent_forces(*folded))
+    return check_channels(robot, section, *folded, harmonics, design, has_units=has_units)
 
 
 @dataclass(frozen=True, eq=False)

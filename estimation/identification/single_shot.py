@@ -8,10 +8,9 @@ estimate; its weights follow, and the estimate is repeated.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from scipy import sparse
 
 from constraints.arrays import Array
 from estimation.estimators import Experiment, ParameterPriors
@@ -21,22 +20,15 @@ from estimation.kinematics import MotionFit, MotionFitError, converge
 from estimation.measurement_model import Motion, SplineMotion
 from estimation.measurement_model.banded import BandedInverse
 from estimation.measurement_model.motion import NormalEquations, root_of_pseudo_inverse
-from estimation.measurement_model.spline import DEGREE, SplineSamples
+from estimation.measurement_model.spline import SplineSamples
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodicRecording
 from estimation.processing.autoregression import AutoregressiveFilter, autoregressive_noise
+from estimation.splines import SmoothChannels, fit_splines, instants_of, smooth_channels
 from expdesign.configuration.estimate import SpectrumOrigin
 from expdesign.information.fisher import whitening
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.robot import ForwardKinematicsError, Robot
 
-_FEWEST, _MOST = 4, 500
-"""Intervals."""
-_RATIO = 1.2
-"""Of successive numbers of intervals that are tried."""
-_PER_INTERVAL = 4
-"""Fewest samples of an interval."""
-_POINTS = 3
-"""Poses of an interval from which the fit starts."""
 _ROUNDS = 16
 _SETTLED = 0.05
 """Mean relative change of the noise's variances in the last round."""
@@ -82,81 +74,15 @@ def fit_spline(
     return converge(robot, recording, own, fit.motion), own
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothChannels:
-    """Six channels as splines on the same knots, and their scatter about them."""
-
-    motion: SplineMotion
-    """The splines; its coordinates are the channels."""
-    scatter: NoiseEstimate
-
-
-def smooth_channels(times: Array, values: Array) -> SmoothChannels:
-    """Fit splines to six channels, (S, 6), with as many intervals as predict them best.
-
-    Raises
-    ------
-    MotionFitError
-        There are too few samples.
-    """
-    most = min(_MOST, len(times) // _PER_INTERVAL)
-    if most < _FEWEST:
-        raise MotionFitError(
-            f"{len(times)} samples are too few for a motion without a period: "
-            f"{_FEWEST * _PER_INTERVAL} or more are needed"
-        )
-    steps = int(np.log(most / _FEWEST) / np.log(_RATIO)) + 1
-    counts = np.unique(np.geomspace(_FEWEST, most, steps + 1).round().astype(int))
-    best, least = None, np.inf
-    for intervals in counts:
-        found = _smooth(times, values, int(intervals))
-        if found is None:
-            continue
-        freedom, used = found.scatter.freedom, int(intervals) + DEGREE
-        _, logarithm = np.linalg.slogdet(found.scatter.covariance * freedom / len(times))
-        # Akaike's criterion, corrected for few samples.
-        criterion = len(times) * (logarithm + 2 * values.shape[1] * used / freedom)
-        if criterion < least:
-            best, least = found, criterion
-    if best is None:
-        raise MotionFitError("samples are missing over too long a time for a spline")
-    return best
-
-
-def _smooth(times: Array, values: Array, intervals: int) -> SmoothChannels | None:
-    """Fit splines with a number of intervals; None if the samples do not determine them."""
-    motion = SplineMotion.over(times, intervals)
-    sampled, count = motion.at(times), len(times)
-    columns = sampled.first[:, None] + np.arange(DEGREE + 1)
-    rows = np.broadcast_to(np.arange(count)[:, None], columns.shape)
-    shape = count, intervals + DEGREE
-    basis = sparse.csr_array((sampled.basis[:, 0].ravel(), (rows.ravel(), columns.ravel())), shape)
-    normal = (basis.T @ basis).toarray()
-    scale = np.sqrt(np.diag(normal))
-    if not np.all(scale > 0):
-        return None
-    try:
-        factor = np.linalg.cholesky(normal / np.multiply.outer(scale, scale))
-    except np.linalg.LinAlgError:
-        return None
-    right = (basis.T @ values) / scale[:, None]
-    table = np.linalg.solve(factor.T, np.linalg.solve(factor, right)) / scale[:, None]
-    rest = values - basis @ table
-    freedom = float(count - shape[1])
-    scatter = NoiseEstimate(rest.T @ rest / freedom, freedom, "residuals")
-    return SmoothChannels(replace(motion, table=table.T), scatter)
-
-
 def _first_motion(robot: Robot, lengths: SmoothChannels) -> SplineMotion:
     """Return the spline of the poses that have the smooth lengths at some instants."""
     splines = lengths.motion
-    instants = np.linspace(0, splines.intervals, _POINTS * (splines.intervals + DEGREE))
-    times = splines.start + splines.spacing * instants
+    times = instants_of(splines)
     try:
         poses = robot.forward_kinematics(splines.poses(times))
     except ForwardKinematicsError as error:
         raise MotionFitError(f"no pose has the measured lengths: {error}") from error
-    found = _smooth(times, poses, splines.intervals)
+    found = fit_splines(times, poses, splines.intervals)
     if found is None:
         raise MotionFitError("the lengths do not determine the motion")
     return found.motion

@@ -160,7 +160,7 @@ def check_channels_of(work: Workspace, data: Measurement) -> tuple[ChannelCheck,
     motion = f"{recording.periods:.4g} periods of {recording.period:.6g} s, from the "
     motion += recording.source.value
     if recording.source is PeriodSource.NONE:
-        motion = f"{recording.period:.6g} s of a motion without a period, channels not checked"
+        motion = f"{recording.period:.6g} s of a motion without a period"
     left_out = f"; {recording.rows_left_out}" if recording.rows_left_out else ""
     remarks = [
         f"{file.name} of the robot {robot.name}: {motion}, at {1 / data.step:.6g} Hz{left_out}",

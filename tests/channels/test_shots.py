@@ -1,0 +1,83 @@
+"""Channels of recordings without a period, and wrong zeros without a design."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks import channels
+from estimation.channels.check import ChannelCheck, WrongChannelsError
+from estimation.identification import estimate
+from estimation.identification.recording import check_recording, fold_measurement
+from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
+
+MOTION = trajectory(samples=320, harmonics=3)
+ONE_PASS = {"estimators": ["gm"], "differentiation": "spline"}
+
+
+def recording(seed=0, noise=0.3):
+    return measured(MOTION, seed, periods=1.3, force_scale=noise)
+
+
+def checked(data) -> ChannelCheck:
+    case = run(ONE_PASS)
+    return check_recording(case, ROBOT, fold_measurement(case, data, None), None)
+
+
+def test_right_channels_are_right():
+    found = checked(recording())
+    assert (found.faults, found.silent, found.lag, found.unexplained) == ((), "", "", False)
+    assert found.rest < 0.02
+    assert STEP < found.least_lag() < 20 * STEP
+
+
+def test_two_faults_at_once_are_refused_with_the_right_section():
+    data, order = recording(1, 0.1), [0, 4, 2, 3, 1, 5]
+    home = ROBOT.inverse_kinematics(ROBOT.home)
+    wrong = replace(
+        data,
+        lengths=home + (data.lengths - home) * [1, 1, 1, -1, 1, 1],
+        forces=(data.forces * [1, 1, -1, 1, 1, 1])[:, order],
+    )
+    with pytest.raises(WrongChannelsError) as refused:
+        estimate(run(ONE_PASS, data={"offset": "home"}), wrong, refuse_channels=True)
+    section = refused.value.details["data"]
+    assert section["order"] == {"Q": [1, 5, 3, 4, 2, 6]}
+    assert section["sign"] == {"q": [1, 1, 1, -1, 1, 1], "Q": [1, 1, -1, 1, 1, 1]}
+
+
+def test_a_delay_and_a_silent_force_are_named():
+    data, late = recording(2, 0.1), 6
+    forces = data.forces[:-late]
+    noise = np.random.default_rng(0).normal(size=len(forces))
+    forces = np.where(np.arange(6) == 3, noise[:, None], forces)
+    moved = replace(data, time=data.time[late:], lengths=data.lengths[late:], forces=forces)
+    assert checked(moved).silent.startswith("Q4 does not follow the motion")
+    whole = replace(moved, forces=data.forces[:-late])
+    found = checked(whole)
+    ((place, _),) = found.faults
+    assert place == "delay"
+    delay = float(found.keys["delay"]["forces"].removesuffix(" ms"))
+    assert delay == pytest.approx(1e3 * late * STEP, abs=0.3e3 * STEP)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("machine", "faults", "seed"),
+    [
+        ("palida", ("sign of a force", "sign of a length"), 0),
+        ("irregular", ("two lengths swapped", "delay"), 1),
+        ("irregular", ("wrong zero",), 2),
+        ("mathworks", ("two forces swapped", "factor 2"), 3),
+    ],
+)
+def test_one_pass_with_ramps_on_other_machines(machine, faults, seed):
+    """Odd seeds have noise with a memory."""
+    assert channels._draw(machine, faults, seed, with_design=False, shot=True) == "right"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_a_wrong_zero_is_found_without_a_design(seed):
+    """Wrong zeros give poses on the other side of a singular one."""
+    assert channels._draw("irregular", ("wrong zero",), seed, with_design=False) == "right"
