@@ -25,6 +25,7 @@ import numpy as np
 from constraints.arrays import Array
 from estimation.diagnostics.finding import Finding, join_words, name_channels
 from estimation.diagnostics.hypothesis import (
+    MODELLED,
     PERIODIC,
     Family,
     Hypothesis,
@@ -390,7 +391,7 @@ def hypothesis_finding(attribution: Attribution, hypothesis: Hypothesis) -> Find
     last = attribution.last.families[hypothesis.kind]
     effects = [effect for effect in attribution.effects if effect.kind == hypothesis.kind]
     if not attribution.first.families[hypothesis.kind].tested:
-        return assumption.skip(hypothesis.reason_untested)
+        return assumption.skip(MODELLED if hypothesis.labels else hypothesis.reason_untested)
     if not effects:
         value, std = 0.0, 0.0
         if last.tested:

@@ -557,7 +557,6 @@ _FAMILIES = (
         assumed="no hum that repeats in every period",
         fails="the mains hum at a multiple of the motion's frequency",
         absent="no hum of the mains at a multiple of the motion's frequency (p = {p:.2g})",
-        reason_untested="the model's columns explain it",
         unit="N",
         paired=True,
     ),

@@ -71,7 +71,7 @@ class Family:
     """Sentence if none was found; a format of `p`, and of `value` and `std` of the most significant
     candidate."""
     reason_untested: str = MODELLED
-    """Reason for an omitted test, if no column remains."""
+    """Reason for an omitted test, if there is no candidate."""
     sized_by_constant: bool = False
     """Whether the best constant is the size of the effect, such as the delay of its secant."""
     scale: float = 1.0

@@ -11,6 +11,8 @@ import pytest
 from benchmarks import unknowns
 from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
+from estimation.diagnostics.finding import FindingOutcome
+from estimation.diagnostics.hypothesis import MODELLED
 from estimation.diagnostics.tolerance_test import tolerance_findings
 from estimation.estimators import covariance_ml_less_gm
 from estimation.identification import estimate_parameters, estimation_result
@@ -636,3 +638,12 @@ def test_terms_that_the_model_lacks_are_counted_and_estimated(runs):
     assert np.mean(random_alone) < 0.85
     assert np.mean(np.square(off)) == pytest.approx(1, abs=0.25 if runs > 10 else 0.9)
     assert np.median(result["ml"].std / result["gm"].std) < 0.7
+
+
+def test_a_zero_that_its_tolerance_explains_is_untested_for_this_reason():
+    """Not for the lack of a motion: this one is a Fourier series."""
+    case = run({"estimators": ["ml"]}, tolerances={"strut_length": "50 mm"})
+    findings = estimate(case, measured(MOTION, 1), MOTION).diagnostics.verdict.findings
+    (zero,) = (one for one in findings if one.assumption.startswith("lengths are measured from"))
+    assert zero.outcome is FindingOutcome.NOT_TESTED
+    assert zero.sentence == MODELLED
