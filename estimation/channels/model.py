@@ -67,6 +67,7 @@ _UNLIKE = 0.1
 _CLEARLY = 8.0
 MOST_SHIFTED = 2
 _TINY_LAG = 1e-9
+_UNCORRELATED = 0.05
 _CLEAR_WORK = 10.0
 """Work of the actuators over a period that is not noise, in standard deviations."""
 
@@ -126,15 +127,29 @@ class ChannelModel:
         self._work_noise = float(
             np.sqrt(np.max(np.diag(noise.forces.covariance)) / np.mean(counts))
         )
-        self._variances = variances * float(np.sum(1 / counts))
-        share = float(np.sum(self._variances) / np.sum(self.forces**2))
-        self._share = share
-        self.least_decrease = LEAST * share / self.forces.size
-        self.spread = share * float(np.sqrt(2 / self.forces.size))
+        self._set_noise(variances * float(np.sum(1 / counts)))
         self._scale = np.repeat([1.0, 1 / robot.characteristic_length], COORDINATES // 2)
         self.period = recording.period
         self._motions: dict[Wiring, Motion] = {}
+
+    def _set_noise(self, variances: Array, repeated: float = 1.0) -> None:
+        """Set the sums of the noise's squares, (6,), in which each value counts several times."""
+        self._variances = variances
+        self._share = float(np.sum(variances) / np.sum(self.forces**2))
+        values = self.forces.size / repeated
+        self.least_decrease = LEAST * self._share / values
+        self.spread = self._share * float(np.sqrt(2 / values))
         self._last_fit: tuple[tuple[Motion, float, float], ForceFit] | None = None
+
+    def take_rest_as_noise(self, found: Candidate) -> None:
+        """Take the unexplained forces of a candidate as noise, with the memory that they have."""
+        fit = self.fit(self.motion(found.lengths), found.delay, found.low_pass or 0.0)
+        rest = self.residuals(found, fit) / found.forces.gains
+        variances = np.empty(ACTUATORS)
+        variances[found.forces.channels] = np.sum(rest**2, axis=0)
+        alike = np.mean([_correlation(each) for each in rest.T], axis=0)
+        ends = np.flatnonzero(alike < _UNCORRELATED)
+        self._set_noise(variances, 1 + 2 * float(np.sum(alike[1 : ends[0]])))
 
     def _find_unit(self) -> float | None:
         """Return the unit of the lengths, relative to that stated, with which most are possible."""
@@ -409,6 +424,13 @@ class ChannelModel:
         if 0 < np.count_nonzero(apart) <= MOST_SHIFTED:
             shifted = apart
         return Wiring(channels, gains, np.where(shifted, offsets, 0.0)), -offsets
+
+
+def _correlation(values: Array) -> Array:
+    """Return the correlation of a series with itself, (N,), by the distance in samples."""
+    spectrum = np.abs(np.fft.rfft(values - np.mean(values), 2 * len(values))) ** 2
+    found = np.fft.irfft(spectrum)[: len(values)]
+    return np.asarray(found / found[0])
 
 
 def _series(phases: Array, values: Array, harmonics: int) -> tuple[Array, ComplexArray]:

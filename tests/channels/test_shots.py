@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from benchmarks import channels
 from estimation.channels.check import ChannelCheck, WrongChannelsError
@@ -59,6 +60,19 @@ def test_a_delay_and_a_silent_force_are_named():
     assert place == "delay"
     delay = float(found.keys["delay"]["forces"].removesuffix(" ms"))
     assert delay == pytest.approx(1e3 * late * STEP, abs=0.3e3 * STEP)
+
+
+def test_noise_with_a_memory_is_noise():
+    """Splines through the forces follow it, and their scatter is a part of it."""
+    data, order = recording(3, 0.1), [0, 4, 2, 3, 1, 5]
+    steps = np.random.default_rng(3).normal(size=data.forces.shape)
+    noise = signal.lfilter([1.0], [1.0, -0.9], steps, axis=0)
+    noise *= 0.15 * np.std(data.forces) / np.std(noise)
+    found = checked(replace(data, forces=(data.forces + noise)[:, order]))
+    assert found.faults == (("Q2 and Q5", "the forces 2 and 5 are swapped"),)
+    assert found.sure
+    added = np.sum(np.var(noise, axis=0)) / np.sum(np.var(data.forces + noise, axis=0))
+    assert found.noise == pytest.approx(added + checked(data).noise, rel=0.3)
 
 
 @pytest.mark.slow
