@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from constraints.arrays import Array, ComplexArray
 from estimation.channels.readings import readings_of, thin_rows
@@ -418,12 +419,16 @@ class ChannelModel:
         far = np.abs(np.log(sizes)) > np.log(OTHER_GAIN)
         gains = self.unit * signs * np.where(far, round_factor(sizes), 1.0)
         offsets = middle - self.zeros - gains * mean[channels]
-        usual = _CLEARLY * float(np.median(np.abs(offsets)))
         shifted = np.abs(offsets) > self.least_zeros
-        apart = shifted & (np.abs(offsets) > usual)
-        if 0 < np.count_nonzero(apart) <= MOST_SHIFTED:
-            shifted = apart
+        apart = shifted & self.stand_out(offsets)
+        shifted = apart if np.any(apart) else shifted
         return Wiring(channels, gains, np.where(shifted, offsets, 0.0)), -offsets
+
+    @staticmethod
+    def stand_out(differences: Array) -> NDArray[np.bool]:
+        """Return which lengths, at most two, differ from a design clearly more than the others."""
+        sizes = np.abs(differences)
+        return np.asarray(sizes > _CLEARLY * float(np.median(sizes)), np.bool)
 
 
 def _correlation(values: Array) -> Array:

@@ -246,13 +246,26 @@ class ChannelSearch:
             for factor in (-1.0, *_FACTORS):
                 yield lengths.scale(strut, factor), delay
 
-    def _zeros(self, present: Candidate, most: float) -> Iterator[Candidate]:
-        """Yield wirings with another zero of one length.
+    def _zeros(self, present: Candidate, most: float) -> list[Candidate]:
+        """Return wirings with another zero of one length.
 
-        Zeros that promise to leave more than the share `most` are left out.
+        Zeros that promise to leave more than the share `most` are left out. If lengths that differ
+        from those of the executed design explain the forces nearly as well, no others are wrong:
+        forces alone confuse zeros with errors of joints.
         """
-        for strut in range(ACTUATORS):
-            yield self._at_zero(present, strut, most)
+        found = [self._at_zero(present, strut, most) for strut in range(ACTUATORS)]
+        if self.differences is None:
+            return found
+        differing = self.model.stand_out(self.differences)
+        if not np.any(differing):
+            return found
+        offsets = np.where(differing, -self.differences, present.lengths.offsets)
+        lengths = replace(present.lengths, offsets=offsets)
+        fit = self.model.fit(self.model.motion(lengths), present.delay, present.low_pass or 0.0)
+        own = replace(present, lengths=lengths, excess=fit.excess(present.forces))
+        if self.model.is_better(min(one.excess for one in found), own.excess):
+            return found
+        return [own] if np.all(np.abs(offsets) >= self.model.least_zeros, where=differing) else []
 
     def _at_zero(self, present: Candidate, strut: int, most: float) -> Candidate:
         """Return the wiring with the zero of one length that explains most."""
