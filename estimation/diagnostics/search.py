@@ -95,6 +95,10 @@ class EffectCandidate:
         count = 1 + self.parameter.count(",")
         return are_possible(values[:count], covariance[:count, :count], *self.hypothesis.bounds)
 
+    def is_part_of(self, other: EffectCandidate) -> bool:
+        """Return whether it is a special case of another candidate, which has further columns."""
+        return other.hypothesis.contains == self.kind and other.strut == self.strut
+
     @property
     def fits_constant(self) -> bool:
         """Whether its constant is unknown, in addition to its size."""
@@ -321,12 +325,16 @@ class Search:
                     least = item.log_p(own, self.projection.freedom) - item.limit
                 if not rivals[-1]:
                     continue
-                rival, log_p = rivals[-1][0]
+                # A special case that is no worse: the further columns are not significant.
+                simpler = [
+                    one for one in rivals[-1] if one[0].is_part_of(item) and one[1] < one[0].limit
+                ]
+                rival, log_p = (simpler or rivals[-1])[0]
                 if rival.hypothesis.sized_by_constant:
                     rival = self._refine_constant(rival, others)
                     if item.hypothesis.sized_by_constant:  # equal ones stay
                         log_p -= float(np.log(RIVAL_LEVEL))
-                if log_p - rival.limit < least:
+                if simpler or log_p - rival.limit < least:
                     found = [*found[:number], rival, *found[number + 1 :]]
             found = self.drop_insignificant(found)
             if found is before:
@@ -365,7 +373,7 @@ class Search:
         candidates += [(one, self.conditional_log_p(one, others)) for one in refined]
         conditional = self.projection.conditional_on(column_indices(others))
         for rival, log_p in candidates:
-            if rival.hypothesis.contains == item.kind and rival.strut == item.strut:
+            if item.is_part_of(rival):
                 continue
             fit = conditional.fit(_sizing_columns(rival))
             if not rival.is_possible(fit.values, fit.covariance):
@@ -379,9 +387,10 @@ class Search:
                 continue
             if rival.name not in found or log_p < found[rival.name][1]:
                 found[rival.name] = (rival, log_p)
-        kinds = {(rival.kind, rival.strut) for rival, _ in found.values()}
         rivals = [
-            one for one in found.values() if (one[0].hypothesis.contains, one[0].strut) not in kinds
+            one
+            for one in found.values()
+            if not any(other.is_part_of(one[0]) for other, _ in found.values())
         ]
         return tuple(sorted(rivals, key=lambda one: one[1] - one[0].limit))
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from benchmarks.attribution import cases, configuration, diagnosed, named
 from estimation.diagnostics.attribution import attribute
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.hypotheses import parameter_hypothesis
@@ -183,3 +184,14 @@ def test_a_delay_is_found_and_has_its_sign(laboratory):
     assert first.value == pytest.approx(0.012, abs=4 * first.std)
     failed = [f.assumption for f in result.verdict.failed]
     assert "forces and lengths are sampled at the same time" in failed
+
+
+def test_a_constant_force_is_no_spring():
+    """In this noise a spring has a smaller p, but no significant stiffness; springs have one."""
+    for name, number, effect in (
+        ("force offset, one strut", 60, ("force_offset", 2, "")),
+        ("cable, one strut", 3, ("cable", 3, "")),
+    ):
+        case = cases()[name]
+        diagnosis = diagnosed(case.measured(case.size), number, configuration())
+        assert [found for found, _ in named(diagnosis)] == [effect]
