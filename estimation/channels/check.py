@@ -19,6 +19,7 @@ import scipy
 from constraints.arrays import Array
 from estimation.channels.lag import delay_error
 from estimation.channels.model import MOST_SHIFTED, ChannelModel
+from estimation.channels.readings import TooLittleMotionError
 from estimation.channels.report import (
     changed_keys,
     correct_force_unit,
@@ -71,8 +72,6 @@ _SAME_ZEROS = Assumption(
     "recording and controller measure a length from different zeros",
     "compare the home offsets of both",
 )
-_MOST_NOISE = 0.05
-"""Unexplained share of the forces that counts as noise with a memory, without a period."""
 _BY_CHANCE = 1e-3
 """Probability of different zeros of struts that are all alike."""
 
@@ -117,6 +116,8 @@ class ChannelCheck:
     """Sentence on forces that do not follow the motion; empty: all of them do."""
     zeros: Finding | None = None
     """Lengths that differ from those of the executed design by a constant, unlike the others."""
+    unchecked: str = ""
+    """Reason for which the channels were not checked; empty: they were."""
     least_lag: Callable[[], float] = lambda: 0.0
     """Returns the smallest lag of the forces that this recording would have shown, s."""
     clock: str = ""
@@ -211,15 +212,17 @@ def check_channels(
         A recording without a period is too short.
     """
     silent = describe_silent_forces(recording, noise)
-    model, from_home = _model_of_section(robot, section, recording, noise, harmonics)
+    try:
+        model, from_home = _model_of_section(robot, section, recording, noise, harmonics)
+    except TooLittleMotionError as error:
+        return ChannelCheck((), {}, sure=False, explained=0.0, silent=silent, unchecked=str(error))
     zeros = model.zeros
     given = model.candidate_as_measured()
     search = ChannelSearch(model, assumed=from_home)
     found = search.search(design)
-    seen_in_residuals = harmonics is None and noise.forces.includes_model_error
-    if seen_in_residuals and 0 < model.left(found.excess) < _MOST_NOISE:
-        # Splines through the forces follow noise with a memory, and its scatter is too small.
-        model.take_rest_as_noise(found)
+    seen = harmonics is None and noise.forces.includes_model_error and found.channel_lag is None
+    # Splines follow noise with a memory: scatter of the forces about them is a part of it.
+    if seen and model.left(found.excess) > 0 and model.take_rest_as_noise(found):
         given = model.candidate_as_measured()
         search = ChannelSearch(model, assumed=from_home)
         found = search.search(design)

@@ -69,6 +69,9 @@ _CLEARLY = 8.0
 MOST_SHIFTED = 2
 _TINY_LAG = 1e-9
 _UNCORRELATED = 0.05
+_MOST_NOISE, _SHORT = 0.1, 0.25
+"""Largest unexplained share of the forces' variation that may be noise, and the largest ratio of
+its memory to that of the forces."""
 _CLEAR_WORK = 10.0
 """Work of the actuators over a period that is not noise, in standard deviations."""
 
@@ -142,15 +145,23 @@ class ChannelModel:
         self.spread = self._share * float(np.sqrt(2 / values))
         self._last_fit: tuple[tuple[Motion, float, float], ForceFit] | None = None
 
-    def take_rest_as_noise(self, found: Candidate) -> None:
-        """Take the unexplained forces of a candidate as noise, with the memory that they have."""
+    def take_rest_as_noise(self, found: Candidate) -> bool:
+        """Take the unexplained forces of a candidate as noise, with its memory, if they may be.
+
+        They must be a small part of the forces' variation, and correlated over a time that is short
+        against that of the forces: an error of the model follows the motion.
+        """
         fit = self.fit(self.motion(found.lengths), found.delay, found.low_pass or 0.0)
-        rest = self.residuals(found, fit) / found.forces.gains
+        rest, forces = self.residuals(found, fit), found.forces.apply(self.forces)
+        small = np.sum(np.var(rest, axis=0)) < _MOST_NOISE * np.sum(np.var(forces, axis=0))
+        memory = _correlated_samples(rest)
+        if not small or memory > _SHORT * _correlated_samples(forces):
+            return False
         variances = np.empty(ACTUATORS)
-        variances[found.forces.channels] = np.sum(rest**2, axis=0)
-        alike = np.mean([_correlation(each) for each in rest.T], axis=0)
-        ends = np.flatnonzero(alike < _UNCORRELATED)
-        self._set_noise(variances, 1 + 2 * float(np.sum(alike[1 : ends[0]])))
+        variances[found.forces.channels] = np.sum((rest / found.forces.gains) ** 2, axis=0)
+        self._work_noise = float(np.sqrt(memory * np.max(variances) / len(rest)))
+        self._set_noise(variances, memory)
+        return True
 
     def _find_unit(self) -> float | None:
         """Return the unit of the lengths, relative to that stated, with which most are possible."""
@@ -215,7 +226,7 @@ class ChannelModel:
             state = np.split(motion.at(self.force_times).state(), 3, axis=1)
             return self.whiten(self.robot.regressor(*state))
         nodes, weights = _LOW_PASS if low_pass else (np.zeros(1), np.ones(1))
-        times = self.force_times - delay - low_pass * nodes[:, None]
+        times = self._measured.hold(self.force_times - delay - low_pass * nodes[:, None])
         kernel, std = held_regressor_kernel(self.robot.terms), self.step / float(np.sqrt(12))
         pieces = min(len(nodes), -(-times.size // _ROWS_TOGETHER))
         found = np.zeros(())
@@ -281,12 +292,14 @@ class ChannelModel:
         """Return the wiring of the forces, with all signs reversed if physics demands it.
 
         A fit with free parameters does not depend on this sign. The mass must be positive, and over
-        a period the actuators must do the work of friction. If the two disagree, or the work is
-        within the noise, fewer reversed signs are preferred.
+        a period, mostly also without one, the actuators must do the work of friction. If the two
+        disagree, or the work is within the noise, fewer reversed signs are preferred.
         """
         names = self.robot.parameter_names
         mass = float(fit.parameters(forces)[names.index(MASS)]) if MASS in names else 0.0
-        state = np.split(motion.at(self.force_times - delay).state(), 3, axis=1)
+        state = np.split(
+            motion.at(self._measured.hold(self.force_times - delay)).state(), 3, axis=1
+        )
         rates = self.robot.strut_motion(*state).length_rate
         own = forces.apply(self._measured_forces)
         work = float(np.sum(own * rates))
@@ -431,11 +444,12 @@ class ChannelModel:
         return np.asarray(sizes > _CLEARLY * float(np.median(sizes)), np.bool)
 
 
-def _correlation(values: Array) -> Array:
-    """Return the correlation of a series with itself, (N,), by the distance in samples."""
-    spectrum = np.abs(np.fft.rfft(values - np.mean(values), 2 * len(values))) ** 2
-    found = np.fft.irfft(spectrum)[: len(values)]
-    return np.asarray(found / found[0])
+def _correlated_samples(channels: Array) -> float:
+    """Return the number of samples of channels, (R, 6), that vary like an independent one."""
+    spectrum = np.abs(np.fft.rfft(channels - np.mean(channels, axis=0), 2 * len(channels), 0)) ** 2
+    products = np.fft.irfft(spectrum, axis=0)[: len(channels)]
+    alike = np.mean(products / products[0], axis=1)
+    return 1 + 2 * float(np.sum(alike[1 : int(np.argmax(alike < _UNCORRELATED))]))
 
 
 def _series(phases: Array, values: Array, harmonics: int) -> tuple[Array, ComplexArray]:

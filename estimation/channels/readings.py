@@ -20,8 +20,16 @@ _OF_LENGTHS = 4
 _SLOW = 0.05
 """Rate of a length, relative to its root mean square, up to which the sign of dry friction is not
 known without a period: the machine may be at rest."""
+_FEWEST = 100
+"""Samples of the forces at moving struts that a check needs."""
+_MOVES = 5.0
+"""Least standard deviation of a length that moves, in those of its noise."""
 _MOST_LATE = 20
 """Steps at both ends of a recording without a period that a shifted motion needs."""
+
+
+class TooLittleMotionError(ValueError):
+    """A recording without a period in which too few samples are of moving struts."""
 
 
 class Readings(Protocol):
@@ -38,8 +46,17 @@ class Readings(Protocol):
     def fit_motion(self, poses: Array) -> Motion:
         """Return the motion with these poses, (R, 6)."""
 
+    def hold(self, times: Array) -> Array:
+        """Return instants, s, of which the motion is known; the first and last one for others."""
+
     def used_forces(self, times: Array) -> Mask | None:
-        """Return the samples of the forces, (S,), where the motion is known well; None: all."""
+        """Return the samples of the forces, (S,), where the motion is known well; None: all.
+
+        Raises
+        ------
+        TooLittleMotionError
+            There are too few.
+        """
 
 
 def readings_of(recording: PeriodicRecording, harmonics: int | None) -> Readings:
@@ -77,8 +94,11 @@ class _PeriodicReadings:
     def fit_motion(self, poses: Array) -> HarmonicMotion:
         return HarmonicMotion((self._to_series @ poses).T, self._omega)
 
+    def hold(self, times: Array) -> Array:
+        return times
+
     def used_forces(self, times: Array) -> None:
-        del times
+        del times  # the motion is known at all of them
 
 
 class _SplineReadings:
@@ -86,14 +106,15 @@ class _SplineReadings:
 
     def __init__(self, recording: PeriodicRecording) -> None:
         lengths = recording.lengths
-        self._splines = smooth_channels(lengths.times, lengths.values).motion
+        smooth = smooth_channels(lengths.times, lengths.values)
+        self._splines, self._noise = smooth.motion, smooth.scatter.covariance
         self.times = instants_of(self._splines)
         self.values = self._splines.poses(self.times)
         self._edge = _MOST_LATE * recording.step
         self._ends = lengths.times[[0, -1]]
 
     def change(self, channel: int, seconds: float) -> Array:
-        later = self._splines.poses(self.times + seconds)
+        later = self._splines.poses(self.hold(self.times + seconds))
         return np.asarray(later[:, channel] - self.values[:, channel])
 
     def fit_motion(self, poses: Array) -> SplineMotion:
@@ -102,12 +123,19 @@ class _SplineReadings:
             raise AssertionError("three instants of each interval determine its splines")
         return found.motion
 
+    def hold(self, times: Array) -> Array:
+        return np.clip(times, *self._ends)
+
     def used_forces(self, times: Array) -> Mask:
+        if np.any(np.std(self.values, axis=0) < _MOVES * np.sqrt(np.diag(self._noise))):
+            raise TooLittleMotionError("not all struts move")
         rates = np.abs(self._splines.at(times).state()[:, 6:12])
         moving = np.min(rates / np.sqrt(np.mean(rates**2, axis=0)), axis=1) > _SLOW
         first, last = self._ends
-        inside = (times > first + self._edge) & (times < last - self._edge)
-        return np.asarray(moving & inside)
+        used = np.asarray(moving & (times > first + self._edge) & (times < last - self._edge))
+        if np.count_nonzero(used) < _FEWEST:
+            raise TooLittleMotionError(f"fewer than {_FEWEST} samples are of moving struts")
+        return used
 
 
 def thin_rows(

@@ -11,7 +11,7 @@ from constraints.arrays import Array, Mask
 from estimation.channels.wiring import UNITS, Candidate, ChannelLag
 from estimation.diagnostics.finding import join_words
 from estimation.diagnostics.plausibility import advise_on_scale, is_far, misread_unit
-from estimation.processing import NoiseModel, PeriodicRecording
+from estimation.processing import NoiseModel, PeriodicRecording, PeriodSource
 from expdesign.configuration.estimate import FORCE_CHANNELS, DataSection
 from expdesign.configuration.tolerances import RobotTolerances
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -233,7 +233,8 @@ def describe_silent_forces(recording: PeriodicRecording, noise: NoiseModel) -> s
     signal = np.var(forces.as_recorded(forces.values), axis=0) / variances
     count = len(forces.values) if used is None else used.count
     silent = _numbers(signal < 1 + 4 * np.sqrt(2 / count))
-    if not silent or np.median(signal) < _LOUD:
+    fitted = noise.forces.includes_model_error and recording.source is not PeriodSource.NONE
+    if not silent or np.median(signal) < _LOUD or fitted:
         return ""
     place = join_words(f"Q{number}" for number in silent)
     verb = "do" if len(silent) > 1 else "does"

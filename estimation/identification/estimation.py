@@ -607,7 +607,8 @@ def _warnings(
             if own.includes_model_error and single is None
         ]
         left_out = recording.experiment.recording.rows_left_out
-        notes = (left_out, *recording.warnings, check.silent, check.lag)
+        unchecked = check.unchecked and f"the channels are not checked: {check.unchecked}"
+        notes = (left_out, *recording.warnings, check.silent, check.lag, unchecked)
         found += [where + warning for warning in notes if warning]
         if recording.experiment.harmonics_left_out:
             found.append(

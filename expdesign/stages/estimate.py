@@ -162,6 +162,8 @@ def check_channels_of(work: Workspace, data: Measurement) -> tuple[ChannelCheck,
     if recording.source is PeriodSource.NONE:
         motion = f"{recording.period:.6g} s of a motion without a period"
     left_out = f"; {recording.rows_left_out}" if recording.rows_left_out else ""
+    if found.unchecked:
+        motion += f", channels not checked ({found.unchecked})"
     remarks = [
         f"{file.name} of the robot {robot.name}: {motion}, at {1 / data.step:.6g} Hz{left_out}",
         *data.warnings,

@@ -66,13 +66,49 @@ def test_noise_with_a_memory_is_noise():
     """Splines through the forces follow it, and their scatter is a part of it."""
     data, order = recording(3, 0.1), [0, 4, 2, 3, 1, 5]
     steps = np.random.default_rng(3).normal(size=data.forces.shape)
-    noise = signal.lfilter([1.0], [1.0, -0.9], steps, axis=0)
+    noise = signal.lfilter([1.0], [1.0, -0.6], steps, axis=0)
     noise *= 0.15 * np.std(data.forces) / np.std(noise)
     found = checked(replace(data, forces=(data.forces + noise)[:, order]))
     assert found.faults == (("Q2 and Q5", "the forces 2 and 5 are swapped"),)
     assert found.sure
     added = np.sum(np.var(noise, axis=0)) / np.sum(np.var(data.forces + noise, axis=0))
     assert found.noise == pytest.approx(added + checked(data).noise, rel=0.3)
+
+
+def test_an_error_of_the_model_is_no_noise():
+    data = recording(4, 0.1)
+    away = data.lengths - np.mean(data.lengths, axis=0)
+    wrong = replace(data, forces=data.forces + 0.6 * np.std(data.forces) * (away / 0.05) ** 2)
+    found = checked(wrong)
+    assert not found.sure
+    assert found.rest > 4 * found.noise
+
+
+@pytest.mark.parametrize("late", [10, 20])
+def test_a_low_pass_is_no_certain_delay(late):
+    data = recording(5, 0.1)
+    forces = signal.lfilter([1 / late], [1.0, 1 / late - 1.0], data.forces - data.forces[0], axis=0)
+    found = checked(replace(data, forces=forces + data.forces[0]))
+    assert not (found.sure and "delay" in found.keys)
+
+
+@pytest.mark.parametrize("rows", [16, 30, 42, 43, 48, 60])
+def test_short_recordings_are_not_checked(rows):
+    data = recording(0, 1.0)
+    short = replace(
+        data, time=data.time[:rows], lengths=data.lengths[:rows], forces=data.forces[:rows]
+    )
+    found = checked(short)
+    assert found.unchecked == "fewer than 100 samples are of moving struts"
+    assert (found.faults, found.as_given, found.silent) == ((), None, "")
+
+
+def test_a_machine_at_rest_is_not_checked():
+    data, rng = recording(0), np.random.default_rng(6)
+    still = data.lengths[0] + 1e-5 * rng.normal(size=data.lengths.shape)
+    forces = data.forces[0] + rng.normal(size=data.forces.shape)
+    found = checked(replace(data, lengths=still, forces=forces))
+    assert (found.faults, found.unchecked) == ((), "not all struts move")
 
 
 @pytest.mark.slow
