@@ -159,7 +159,8 @@ _FAULTS: dict[str, Callable[[Recorded], None]] = {
 def rows(section: str, repetitions: int | None = None) -> Iterator[Row]:
     """Yield a row per machine and faults of a section."""
     faults, wanted = SECTIONS[section]
-    options = {"with_design": "design" not in section, "shot": "shot" in section}
+    shot = "shot" in section
+    options = {"with_design": not shot and "design" not in section, "shot": shot}
     for machine in _ROBOTS:
         for names in faults:
             draws = Parallel(n_jobs=2)(
@@ -226,7 +227,7 @@ def _draw(
         }
         return measurement_of(RawTable(Path(machine), values, {}), section, robot, plausible=False)
 
-    planned = design if with_design and not shot else None
+    planned = design if with_design else None
     known = run.with_section("trajectory", frequency=(design.omega / 2 / np.pi,) * 2)
     known = known.with_section("trajectory", harmonics=design.harmonics)
     whole = data = read(section)

@@ -220,9 +220,10 @@ def check_channels(
     given = model.candidate_as_measured()
     search = ChannelSearch(model, assumed=from_home)
     found = search.search(design)
-    seen = harmonics is None and noise.forces.includes_model_error and found.channel_lag is None
+    by_splines = harmonics is None and noise.forces.includes_model_error
+    unexplained = model.left(found.excess) > 0 and found.channel_lag is None
     # Splines follow noise with a memory: scatter of the forces about them is a part of it.
-    if seen and model.left(found.excess) > 0 and model.take_rest_as_noise(found):
+    if by_splines and unexplained and model.take_rest_as_noise(found):
         given = model.candidate_as_measured()
         search = ChannelSearch(model, assumed=from_home)
         found = search.search(design)

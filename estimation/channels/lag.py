@@ -17,12 +17,13 @@ from scipy.optimize import minimize, minimize_scalar
 
 from constraints.arrays import Array
 from estimation.channels.model import OF_LAG, ChannelModel
+from estimation.channels.readings import MOST_LATE
 from estimation.channels.wiring import Candidate, ChannelLag, Wiring
 from estimation.measurement_model import HarmonicMotion, Motion
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.robot import Robot
 
-_STEPS_LATE = (1, 2, 3, 5, 7, 10, 14, 20)
+_STEPS_LATE = (1, 2, 3, 5, 7, 10, 14, MOST_LATE)
 """Delays that are tried, in steps of the recording."""
 _MOST_OF_PERIOD = 0.1
 _CLEARLY_ONE = 0.225

@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from constraints.arrays import Array, ComplexArray
+from constraints.arrays import Array, ComplexArray, Mask
 from estimation.channels.readings import readings_of, thin_rows
 from estimation.channels.wiring import (
     DETERMINED,
@@ -438,10 +437,10 @@ class ChannelModel:
         return Wiring(channels, gains, np.where(shifted, offsets, 0.0)), -offsets
 
     @staticmethod
-    def stand_out(differences: Array) -> NDArray[np.bool]:
+    def stand_out(differences: Array) -> Mask:
         """Return which lengths, at most two, differ from a design clearly more than the others."""
         sizes = np.abs(differences)
-        return np.asarray(sizes > _CLEARLY * float(np.median(sizes)), np.bool)
+        return np.asarray(sizes > _CLEARLY * float(np.median(sizes)))
 
 
 def _correlated_samples(channels: Array) -> float:

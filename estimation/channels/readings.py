@@ -8,7 +8,7 @@ import numpy as np
 
 from constraints.arrays import Array, Mask
 from estimation.measurement_model import HarmonicMotion, Motion, SplineMotion
-from estimation.processing import PeriodicRecording, PeriodSource
+from estimation.processing import PeriodicRecording
 from estimation.processing.periodic_recording import Channels
 from estimation.splines import fit_splines, instants_of, smooth_channels
 from expdesign.trajectory import PhaseBasis
@@ -24,8 +24,8 @@ _FEWEST = 100
 """Samples of the forces at moving struts that a check needs."""
 _MOVES = 5.0
 """Least standard deviation of a length that moves, in those of its noise."""
-_MOST_LATE = 20
-"""Steps at both ends of a recording without a period that a shifted motion needs."""
+MOST_LATE = 20
+"""Steps of the longest delay that is tried: the ends of a recording without a period."""
 
 
 class TooLittleMotionError(ValueError):
@@ -60,14 +60,14 @@ class Readings(Protocol):
 
 
 def readings_of(recording: PeriodicRecording, harmonics: int | None) -> Readings:
-    """Return the lengths of a recording; harmonics of the motion are for one with a period.
+    """Return the lengths of a recording by the harmonics of its motion; None: it has no period.
 
     Raises
     ------
     MotionFitError
         A recording without a period is too short.
     """
-    if recording.source is PeriodSource.NONE or harmonics is None:
+    if harmonics is None:
         return _SplineReadings(recording)
     return _PeriodicReadings(recording, harmonics)
 
@@ -110,7 +110,7 @@ class _SplineReadings:
         self._splines, self._noise = smooth.motion, smooth.scatter.covariance
         self.times = instants_of(self._splines)
         self.values = self._splines.poses(self.times)
-        self._edge = _MOST_LATE * recording.step
+        self._edge = MOST_LATE * recording.step
         self._ends = lengths.times[[0, -1]]
 
     def change(self, channel: int, seconds: float) -> Array:

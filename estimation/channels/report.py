@@ -203,11 +203,12 @@ def describe_lag(robot: Robot, lag: float, constant: float | None, section: Data
     fits = [f"`data.delay: {{forces: {flow(_delays(stated))}}}`"] if late > _SHOWN * total else []
     cutoff = 1 / (2 * np.pi * constant) if slow else 0.0
     fits += [f"`data.filter: {{Q: {{low_pass: {cutoff:.3g} Hz, order: 1}}}}`"] if slow else []
+    parts = (("delay", lag), ("low pass", constant))
+    both = [f"a {name} of {1e3 * one:.2g} ms" for name, one in parts if one > _SHOWN * total]
     return (
         f"the forces lag behind the lengths by about {1e3 * total:.3g} ms in all (not certain), by "
-        f"a delay, a low pass or both (best fit: a delay of {1e3 * lag:.2g} ms and a low pass of "
-        f"{1e3 * constant:.2g} ms). {known}, or else the best fit, {join_words(fits)}"
-        f"{', and its uncertainty as ' * bool(rest)}{rest}"
+        f"a delay, a low pass or both (best fit: {join_words(both)}). {known}, or else the best "
+        f"fit, {join_words(fits)}{', and its uncertainty as ' * bool(rest)}{rest}"
     )
 
 

@@ -18,6 +18,7 @@ from estimation.channels.lag import (
     with_channel_lag,
 )
 from estimation.channels.model import MOST_SHIFTED, MUCH_BETTER, ChannelModel
+from estimation.channels.readings import MOST_LATE
 from estimation.channels.wiring import STRUTS, Candidate, Wiring
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.trajectory import FourierTrajectory
@@ -41,7 +42,7 @@ _RIGHT = len(_ZEROS) // 2
 _FAR_OFF = 9.0
 """Ratio of unexplained forces from which on a larger error of the same zero leaves more, too: it
 changes the forces by more than twice what is unexplained."""
-_LAGS = np.geomspace(0.5, 20.0, 24)
+_LAGS = np.geomspace(0.5, MOST_LATE, 24)
 """Lags that are tried, in steps of the recording."""
 _SIGMAS = 2.0
 _LEAST_SHARE = 0.2

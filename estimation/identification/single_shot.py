@@ -22,7 +22,7 @@ from estimation.measurement_model.banded import BandedInverse
 from estimation.measurement_model.motion import NormalEquations, root_of_pseudo_inverse
 from estimation.measurement_model.spline import SplineSamples
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodicRecording
-from estimation.processing.autoregression import AutoregressiveFilter, autoregressive_noise
+from estimation.processing.autoregression import KNOWN, AutoregressiveFilter, autoregressive_noise
 from estimation.splines import SmoothChannels, fit_splines, instants_of, smooth_channels
 from expdesign.configuration.estimate import SpectrumOrigin
 from expdesign.information.fisher import whitening
@@ -34,6 +34,7 @@ _SETTLED = 0.05
 """Mean relative change of the noise's variances in the last round."""
 _HALVINGS = 8
 """Of a step that does not lower the cost."""
+_FEWEST_KNOWN = 2 * ACTUATORS
 _DRAWN = 48
 """Random errors of an estimate."""
 _DETERMINED = 1e-10
@@ -107,6 +108,11 @@ def _linear_noise(
     """Return the experiment with the noise of Gauss–Markov residuals.
 
     Also its weights for LS and GM, and the parameters, (m,).
+
+    Raises
+    ------
+    MotionFitError
+        The machine hardly moves.
     """
     free, start = priors.free, priors.start
     rest = experiment.forces - experiment.fitted_regressors @ start
@@ -124,6 +130,11 @@ def _linear_noise(
             return present.with_sign_variance(robot, values), noise, values
         present = _weigh_signs(robot, present, noise, values)
         known = present.certainty * _motion_certainty(robot, present, values)
+        if np.count_nonzero(known >= KNOWN) < _FEWEST_KNOWN:
+            raise MotionFitError(
+                f"the machine hardly moves: in fewer than {_FEWEST_KNOWN} samples motion and signs "
+                "of friction are known well enough to show the noise of the forces"
+            )
         residuals, share = rest - columns @ move, columns @ root
         linear = autoregressive_noise(residuals, share, known, origin, always=True)
         noise = autoregressive_noise(residuals, share, present.certainty, origin)

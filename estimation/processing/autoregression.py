@@ -21,7 +21,7 @@ from expdesign.configuration.estimate import SpectrumOrigin
 _ORDERS = (0, 1, 2, 4, 8, 16)
 _CLEARLY_BETTER = 10.0
 """Gain in twice the log likelihood, less two per coefficient, below which noise counts as white."""
-_KNOWN = 0.5
+KNOWN = 0.5
 """Least certainty of a sample that shows the noise."""
 
 
@@ -51,7 +51,7 @@ def autoregressive_noise(
         Have a filter, with the weights of the samples, for white noise, too.
     """
     values = np.concatenate([residuals[:, :, None], fitted], axis=2)
-    known = np.asarray(certainty >= _KNOWN)
+    known = np.asarray(certainty >= KNOWN)
     orders = [p for p in _ORDERS if np.count_nonzero(_known_windows(known, p)) >= 8 * p]
     white, *others = _fit_models(values, known, orders)
     best = min(others, key=lambda each: each.criterion, default=white)

@@ -175,7 +175,7 @@ def check_channels_of(work: Workspace, data: Measurement) -> tuple[ChannelCheck,
     try:
         prepared = prepare_recording(configuration, robot, data, design, folded=folded)
     except MotionFitError as error:
-        if design is None:
+        if design is None and not found.unchecked:
             remarks.append(
                 "order, sign, unit or zero of the lengths may be wrong: --design DIR determines "
                 "order and sign from the motion of the design"
