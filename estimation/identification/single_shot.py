@@ -112,7 +112,7 @@ def _linear_noise(
     Raises
     ------
     MotionFitError
-        The machine hardly moves.
+        The machine hardly moves, or too shortly.
     """
     free, start = priors.free, priors.start
     rest = experiment.forces - experiment.fitted_regressors @ start
@@ -132,8 +132,9 @@ def _linear_noise(
         known = present.certainty * _motion_certainty(robot, present, values)
         if np.count_nonzero(known >= KNOWN) < _FEWEST_KNOWN:
             raise MotionFitError(
-                f"the machine hardly moves: in fewer than {_FEWEST_KNOWN} samples motion and signs "
-                "of friction are known well enough to show the noise of the forces"
+                "the machine hardly moves, or too shortly: fewer than "
+                f"{_FEWEST_KNOWN} samples have a motion and signs of friction that are known well "
+                "enough to show the noise of the forces"
             )
         residuals, share = rest - columns @ move, columns @ root
         linear = autoregressive_noise(residuals, share, known, origin, always=True)
