@@ -222,7 +222,7 @@ def check_channels(
     found = search.search(design)
     by_splines = harmonics is None and noise.forces.includes_model_error
     unexplained = model.left(found.excess) > 0 and found.channel_lag is None
-    # Splines follow noise with a memory: scatter of the forces about them is a part of it.
+    # Splines through the forces follow noise with a memory: their scatter shows a part of it.
     if by_splines and unexplained and model.take_rest_as_noise(found):
         given = model.candidate_as_measured()
         search = ChannelSearch(model, assumed=from_home)

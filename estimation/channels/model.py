@@ -136,7 +136,7 @@ class ChannelModel:
         self._motions: dict[Wiring, Motion] = {}
 
     def _set_noise(self, variances: Array, repeated: float = 1.0) -> None:
-        """Set the sums of the noise's squares, (6,), in which each value counts several times."""
+        """Set the noise by its sums of squares, (6,), and by the samples that hold as much as one."""
         self._variances = variances
         self._share = float(np.sum(variances) / np.sum(self.forces**2))
         values = self.forces.size / repeated
@@ -444,7 +444,7 @@ class ChannelModel:
 
 
 def _correlated_samples(channels: Array) -> float:
-    """Return the number of samples of channels, (R, 6), that vary like an independent one."""
+    """Return how many samples of channels, (R, 6), hold as much as one independent sample."""
     spectrum = np.abs(np.fft.rfft(channels - np.mean(channels, axis=0), 2 * len(channels), 0)) ** 2
     products = np.fft.irfft(spectrum, axis=0)[: len(channels)]
     alike = np.mean(products / products[0], axis=1)
