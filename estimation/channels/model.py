@@ -136,7 +136,7 @@ class ChannelModel:
         self._motions: dict[Wiring, Motion] = {}
 
     def _set_noise(self, variances: Array, repeated: float = 1.0) -> None:
-        """Set the noise by its sums of squares, (6,), and by the samples that hold as much as one."""
+        """Set the sums of squares of the noise, (6,), and how many samples hold as much as one."""
         self._variances = variances
         self._share = float(np.sum(variances) / np.sum(self.forces**2))
         values = self.forces.size / repeated
