@@ -127,8 +127,10 @@ class LagSearch:
 def delay_error(model: ChannelModel, found: Candidate) -> float:
     """Return the standard deviation of the delay, s, with all parameters free.
 
-    It is a third of the distance, on the farther side, at which the sum of squares is larger by
-    nine variances: far from the best delay, jumps of dry friction make it no parabola.
+    The part of noise is a third of the distance, on the farther side, at which the sum of squares
+    is larger by nine variances: far from the best delay, jumps of dry friction make it no parabola.
+    Jumps are spread over a step, but a sample has their full height: where samples meet the jumps
+    changes the delay, by step/√12 for a single one, and less the more jumps there are.
     """
     excess, distances = LagSearch(model, found.lengths, found.forces).excess, _RANGE * model.step
     farthest = 0.0
@@ -137,7 +139,9 @@ def delay_error(model: ChannelModel, found: Candidate) -> float:
         rise = np.array([excess(late, found.low_pass or 0.0) for late in delays]) - found.excess
         sigmas = np.sqrt(np.maximum(np.maximum.accumulate(rise), 0.0) / model.variance_of(found))
         farthest = max(farthest, float(np.interp(_SIGMAS, sigmas, distances)))
-    return farthest / _SIGMAS
+    slopes = model.effect_of_lag(found, _DIGITS * model.step)
+    single = float(np.sum(slopes**4)) ** 0.5 / float(np.sum(slopes**2))
+    return float(np.hypot(farthest / _SIGMAS, model.step / np.sqrt(12) * single))
 
 
 def with_channel_lag(model: ChannelModel, present: Candidate) -> Candidate:
