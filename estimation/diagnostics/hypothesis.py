@@ -445,8 +445,7 @@ def _pair_statistic(
 ) -> Callable[[Array | float], Array]:
     """Return a function for χ² of sine and cosine of a strut's length, by their frequencies."""
     system = solved.system
-    # zᵀ W e* of a column z in this actuator alone.
-    residual = system.force_rows.apply_weights(solved.force_rest[:, :, None])[:, strut, 0]
+    residual = solved.weighted_rest[:, strut]
     weight = system.force_rows.quadratic(strut)
     one = np.ones((1, len(length)))
     whole = float(weight(one, one)[0])
@@ -455,7 +454,7 @@ def _pair_statistic(
         angle = 2 * np.pi * np.multiply.outer(np.atleast_1d(frequencies), length)
         sin, cos = np.sin(angle), np.cos(angle)
         scores = np.stack([sin @ residual, cos @ residual], axis=1)
-        sin_mixed, cos_mixed = (solved.explain(strut, wave) for wave in (sin, cos))
+        sin_mixed, cos_mixed = np.split(solved.explain(strut, np.concatenate([sin, cos])), 2)
         ss = weight(sin, sin) - np.sum(sin_mixed**2, axis=1)
         sc = weight(sin, cos) - np.sum(sin_mixed * cos_mixed, axis=1)
         cc = weight(cos, cos) - np.sum(cos_mixed**2, axis=1)

@@ -100,11 +100,6 @@ class JointSystem:
         equations = NormalEquations(0.0, matrix, columns.T @ residuals)
         return cls(*rows, residuals, columns, equations, freedom)
 
-    @property
-    def force_columns(self) -> Array:
-        """(R, 6, u), columns of the forces."""
-        return self.split(self.columns)[0]
-
     @cached_property
     def solution(self) -> SolvedSystem:
         """System after the Gauss–Newton step."""
@@ -170,6 +165,11 @@ class JointSystem:
     def whiten(self, effects: Signature) -> Array:
         """Return the rows of effects, (n, q), before signs are eliminated from them."""
         return _whiten((self.force_rows, self.length_rows), effects, self.signs)
+
+    def whiten_forces(self, columns: Array) -> Array:
+        """Return the rows of columns in the forces, (R, 6, q), without those of the lengths."""
+        rows = self.force_rows, replace(self.length_rows, counts=np.zeros(0))
+        return _whiten(rows, Signature(columns, np.zeros((0, *columns.shape[1:]))), self.signs)
 
     def eliminate_signs(self, rows: Array) -> Array:
         """Eliminate the unknown signs of friction from the rows of effects, (n, q), in place."""
@@ -242,7 +242,7 @@ class SolvedSystem:
     def project(self, effects: Signature) -> EffectProjection:
         """Project effects onto the part that the unknowns do not explain."""
         rows = self.system.whiten(effects)
-        whole = np.sum(rows**2, axis=0)
+        whole = np.einsum("nq,nq->q", rows, rows)
         self.system.eliminate_signs(rows)
         mixed = self.system.products(rows, effects.in_lengths) @ self.root
         return EffectProjection(rows, mixed, whole, self.rest, self.system.freedom)
@@ -262,9 +262,9 @@ class SolvedSystem:
             np.block([[self.root, -others], [nothing, root]]),
             self.rest - left @ (root.T @ found.score),
         )
-        if "explained" in self.__dict__:
-            own = system.force_rows.apply_weights(system.split(left)[0])
-            solved.__dict__["explained"] = np.concatenate([self.explained, own], axis=2)
+        if "force_roots" in self.__dict__:
+            whole = np.concatenate([self.force_roots, system.split(left)[0]], axis=2)
+            solved.__dict__["force_roots"] = whole
         return solved
 
     def fit(self, effects: Signature) -> EffectFit:
@@ -276,14 +276,24 @@ class SolvedSystem:
         return self.system.force_rows.unscale(self.force_rest)
 
     @cached_property
+    def force_roots(self) -> Array:
+        """(R, 6, r), whitened columns of the forces, times the root."""
+        return self.system.split(self.system.columns @ self.root)[0]
+
+    @cached_property
     def explained(self) -> Array:
-        """(R, 6, r), factors F: of a column z in the forces Σ |zᵀ F|² is explained, of zᵀ W z."""
-        system = self.system
-        return system.force_rows.apply_weights(system.force_columns) @ self.root
+        """(6, R, r), factors F: of a column z in the forces Σ |zᵀ F|² is explained, of zᵀ W z."""
+        weighted = self.system.force_rows.apply_weights(self.force_roots)
+        return np.ascontiguousarray(weighted.transpose(1, 0, 2))
+
+    @cached_property
+    def weighted_rest(self) -> Array:
+        """(R, 6), W e*: the score of a column z in the forces is zᵀ W e*."""
+        return self.system.force_rows.apply_weights(self.force_rest[:, :, None])[:, :, 0]
 
     def explain(self, actuator: int, waves: Array) -> Array:
         """Return zᵀ F of columns in one actuator, (q, R), with those of unknown signs, (q, r)."""
-        own, signs = waves @ self.explained[:, actuator], self.system.signs
+        own, signs = waves @ self.explained[actuator], self.system.signs
         if signs is None:
             return own
         return np.concatenate([own, signs.explain(actuator, waves)], axis=1)

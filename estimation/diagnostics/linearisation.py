@@ -325,7 +325,7 @@ class Signature:
     def of_forces(cls, part: Linearisation, columns: Array) -> Self:
         """Build the signature of effects on the forces alone, (R, 6, q)."""
         rows = len(part.length_counts)
-        return cls(columns, np.zeros((rows, *columns.shape[1:])))
+        return cls(columns, np.broadcast_to(0.0, (rows, *columns.shape[1:])))
 
     @classmethod
     def none(cls, part: Linearisation) -> Self:
@@ -345,7 +345,7 @@ class Signature:
         """Number of effects, q."""
         return self.forces.shape[2]
 
-    @property
+    @cached_property
     def in_lengths(self) -> NDArray[np.intp]:
         """Indices of the effects that change lengths."""
         return np.flatnonzero(np.any(self.lengths, axis=(0, 1)))

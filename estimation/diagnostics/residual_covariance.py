@@ -110,9 +110,9 @@ def joint_residual_covariance(noise: NoiseEstimate, solved: SolvedSystem) -> Res
     `noise` is that of one sample.
     """
     system, signs = solved.system, solved.system.signs
-    columns = system.force_rows.of_one_sample(system.force_columns)
-    own = None if signs is None else signs.of_one_sample
-    return ResidualCovariance.of(noise, columns, solved.root, fitted=True, signs=own)
+    spread = system.force_rows.of_one_sample(solved.force_roots).transpose(1, 0, 2)
+    own = SignRoots() if signs is None else signs.of_one_sample
+    return ResidualCovariance(noise, np.ascontiguousarray(spread), fitted=True, signs=own)
 
 
 def held_out_residual_covariance(

@@ -28,7 +28,7 @@ from pydantic import Field
 
 from constraints.arrays import Array, Mask
 from estimation.diagnostics.joint_system import ConditionalScores, SolvedSystem
-from estimation.diagnostics.linearisation import Linearisation, Signature
+from estimation.diagnostics.linearisation import Linearisation
 from estimation.diagnostics.residual_covariance import ResidualCovariance
 from estimation.diagnostics.significance import (
     HARMONIC_LACK_OF_FIT,
@@ -293,11 +293,18 @@ def _fit_each_actuator(
     part: Linearisation, solved: SolvedSystem, functions: Sequence[Array]
 ) -> ConditionalScores:
     """Return the scores of functions, (R, k) for each actuator, one after the other."""
-    places = np.cumsum([0, *(each.shape[1] for each in functions)])
-    columns = np.zeros((*part.forces.shape, places[-1]))
+    columns = np.zeros((*part.forces.shape, sum(each.shape[1] for each in functions)))
+    scores, mixed, first = [], [], 0
     for j, each in enumerate(functions):
-        columns[:, j, places[j] : places[j + 1]] = each
-    return solved.project(Signature.of_forces(part, columns)).conditional_on(())
+        columns[:, j, first : first + each.shape[1]] = each
+        first += each.shape[1]
+        scores.append(each.T @ solved.weighted_rest[:, j])
+        mixed.append(each.T @ solved.explained[j])
+    rows = solved.system.whiten_forces(columns)
+    whole = np.einsum("nq,nq->q", rows, rows)
+    rows, known = solved.system.eliminate_signs(rows), np.concatenate(mixed)
+    information = rows.T @ rows - known @ known.T
+    return ConditionalScores(np.concatenate(scores), information, whole, solved.system.freedom)
 
 
 def _states(experiment: Experiment, part: Linearisation) -> dict[str, Array]:
