@@ -199,18 +199,20 @@ class ChannelModel:
             changes = self._measured.change(int(lengths.channels[lag.strut]), lag.seconds)
             wanted[:, lag.strut] += lengths.gains[lag.strut] * changes
         home = np.broadcast_to(self.robot.home, wanted.shape)
-        poses = home if near is None else near.at(self._measured.times).pose()
+        poses = (home if near is None else near.at(self._measured.times).pose()).copy()
         largest = _LARGEST_STEP * self.robot.characteristic_length
+        rows = np.arange(len(wanted))  # that have not converged: mostly few
         for _ in range(_STEPS):
-            found, jacobian = self.robot.lengths_and_jacobian(poses)
+            found, jacobian = self.robot.lengths_and_jacobian(poses[rows])
             slopes = jacobian * self._scale
             turned = slopes.transpose(0, 2, 1)
             matrix = turned @ slopes + _DAMPING * np.eye(COORDINATES)
-            step = np.linalg.solve(matrix, turned @ (wanted - found)[:, :, None])[:, :, 0]
+            step = np.linalg.solve(matrix, turned @ (wanted[rows] - found)[:, :, None])[:, :, 0]
             size = np.linalg.norm(step, axis=1, keepdims=True)
             step *= np.minimum(1, largest / np.maximum(size, 1e-300))
-            poses = poses + self._scale * step
-            if np.max(size) < _REACHED:
+            poses[rows] += self._scale * step
+            rows = rows[~(size[:, 0] < _REACHED)]
+            if not len(rows):
                 break
         return self._measured.fit_motion(poses)
 

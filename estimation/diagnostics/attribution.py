@@ -170,7 +170,7 @@ def attribute(
     """
     search = Search(system, part, families, step, POSITION_PERIODIC / experiments)
     first = last = search.run_tests(())
-    products = system.products(search.projection.rows, search.signature.in_lengths)
+    products = search.projection.products
     found: list[EffectCandidate] = []
     seen: set[frozenset[tuple[str, int | None, str]]] = set()
     ended = False

@@ -203,9 +203,10 @@ def _whiten(
     found = np.zeros((sum(counts) + (0 if signs is None else signs.count), effects.count))
     forces, lengths, seen = rows[0](effects.forces), effects.lengths, effects.in_lengths
     found[: counts[0]] = forces.reshape(counts[0], effects.count)
-    if len(seen):
-        own = rows[1](lengths[:, :, seen])
-        found[counts[0] : sum(counts), seen] = own.reshape(counts[1], len(seen))
+    if len(seen):  # in one piece, which is not copied
+        among = slice(seen[0], seen[-1] + 1)
+        own = rows[1](lengths[:, :, among])
+        found[counts[0] : sum(counts), among] = own.reshape(counts[1], own.shape[2])
     return found
 
 
@@ -244,8 +245,9 @@ class SolvedSystem:
         rows = self.system.whiten(effects)
         whole = np.einsum("nq,nq->q", rows, rows)
         self.system.eliminate_signs(rows)
-        mixed = self.system.products(rows, effects.in_lengths) @ self.root
-        return EffectProjection(rows, mixed, whole, self.rest, self.system.freedom)
+        products = self.system.products(rows, effects.in_lengths)
+        mixed = products @ self.root
+        return EffectProjection(rows, products, mixed, whole, self.rest, self.system.freedom)
 
     def with_effects(self, effects: Signature) -> SolvedSystem:
         """Include effects among the unknowns."""
@@ -278,7 +280,8 @@ class SolvedSystem:
     @cached_property
     def force_roots(self) -> Array:
         """(R, 6, r), whitened columns of the forces, times the root."""
-        return self.system.split(self.system.columns @ self.root)[0]
+        system, first = self.system, ACTUATORS * len(self.system.force_rows.counts)
+        return (system.columns[:first] @ self.root).reshape(-1, ACTUATORS, self.root.shape[1])
 
     @cached_property
     def explained(self) -> Array:
@@ -345,6 +348,8 @@ class EffectProjection:
 
     rows: Array
     """(n, q)."""
+    products: Array
+    """(q, u), zᵀ U."""
     mixed: Array
     """(q, r), zᵀ U root, with J⁻¹ = root rootᵀ."""
     whole: Array
@@ -371,13 +376,14 @@ class EffectProjection:
 
     def select(self, places: Places) -> EffectProjection:
         """Return the effects at some indices."""
-        own = self.rows[:, places], self.mixed[places], self.whole[places]
-        return EffectProjection(*own, self.rest, self.freedom)
+        own = self.products[places], self.mixed[places], self.whole[places]
+        return EffectProjection(self.rows[:, places], *own, self.rest, self.freedom)
 
     def append(self, other: EffectProjection) -> EffectProjection:
         """Append effects of the same system, keeping computed products."""
         appended = EffectProjection(
             np.concatenate([self.rows, other.rows], axis=1),
+            np.concatenate([self.products, other.products]),
             np.concatenate([self.mixed, other.mixed]),
             np.concatenate([self.whole, other.whole]),
             self.rest,

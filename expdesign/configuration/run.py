@@ -442,7 +442,8 @@ def _flow(value: Any) -> str:
     """Return a value on one line."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{_text(k)}: {_flow(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, list | tuple):
+    numbers = isinstance(value, list | tuple) and all(isinstance(i, int | float) for i in value)
+    if isinstance(value, list | tuple) and not numbers:
         return "[" + ", ".join(_flow(item) for item in value) + "]"
     return _text(value) if isinstance(value, str) else json.dumps(value)
 

@@ -161,7 +161,7 @@ def test_subsets_are_fitted_as_by_least_squares():
     left = rest - basis @ (basis.T @ rest)
 
     def project(some):
-        return EffectProjection(some, some.T @ basis, np.sum(some**2, axis=0), left, np.inf)
+        return EffectProjection(some, *[some.T @ basis] * 2, np.sum(some**2, axis=0), left, np.inf)
 
     projection, grown = project(rows), project(rows[:, :2]).append(project(rows[:, 2:]))
 
