@@ -102,11 +102,6 @@ def cogging_force(lengths: Array, cogging: Cogging) -> Array:
     return np.asarray(cogging.amplitude) * np.sin(angle)
 
 
-def draw_final_drift(size: float, rng: np.random.Generator) -> Array:
-    """Draw the drift of the six lengths at the end of the experiment, m."""
-    return size * rng.choice((-1.0, 1.0), ACTUATORS)
-
-
 def length_drift(final: Array, time: Array, duration: float) -> Array:
     """Return the drift of the lengths, (T, 6), m, at times from the start, (T,), s.
 
@@ -286,13 +281,7 @@ def draw_hum(hum: SpectralHum, times: Array, rng: np.random.Generator) -> Array:
 def noise_sources(
     configuration: RunConfiguration, count: int, sampling: float
 ) -> tuple[NoiseSource, NoiseSource]:
-    """Return the noise of the true machine: that of the forces, N, and of the lengths, m.
-
-    Raises
-    ------
-    InputError
-        The noise is not known.
-    """
+    """Return the noise of the true machine: that of the forces, N, and of the lengths, m."""
     forces, lengths = noise_covariances(configuration)
     noise = (configuration.truth or configuration.robot).noise
     spectra = (None, None) if noise is None else (noise.force_spectrum, noise.length_spectrum)

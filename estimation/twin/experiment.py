@@ -17,7 +17,6 @@ from estimation.twin.disturbances import (
     Repeated,
     Shared,
     cogging_force,
-    draw_final_drift,
     draw_gross_errors,
     draw_kept_samples,
     execute_design,
@@ -31,12 +30,12 @@ from estimation.twin.disturbances import (
 )
 from estimation.twin.machine import Machine, with_motors
 from estimation.twin.truth import (
-    DisturbanceKeys,
     ExecutedTableTruth,
     ExperimentKeys,
     MachineKeys,
     SeedKeys,
     Truth,
+    disturbance_keys,
 )
 from expdesign.configuration import InputError, ResolvedRobot, RunConfiguration
 from expdesign.configuration.bodies import payload_parameters
@@ -45,6 +44,7 @@ from expdesign.configuration.schema import MOST_SAMPLES, require_at_most
 from expdesign.export.definition import ON_THE_EDGE
 from expdesign.export.execution import blocks
 from expdesign.export.table_file import TableFile
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.recheck.followed_lengths import FollowedLengths
 from expdesign.recheck.limit_check import Motion
 from expdesign.robot import ForwardKinematicsError, Robot, robot_from
@@ -142,7 +142,8 @@ class Twin:
         lengths = lengths + zeros
         drift: dict[str, Any] | None = None
         if section.drift > 0:
-            final = draw_final_drift(section.drift, experiment_stream(section.seed, Shared.DRIFT))
+            stream = experiment_stream(section.seed, Shared.DRIFT)
+            final = section.drift * stream.choice((-1.0, 1.0), ACTUATORS)
             lengths = lengths + length_drift(final, grid.times, grid.duration)
             drift = {"size": section.drift, "final": final}
         truth = Truth(
@@ -165,7 +166,7 @@ class Twin:
             force_spectrum=_spectrum(true.description, "force"),
             length_spectrum=_spectrum(true.description, "length"),
             table=table,
-            disturbances=DisturbanceKeys.of(section, drift),
+            disturbances=disturbance_keys(section, drift),
             seeds=SeedKeys(section.seed, section.seed if seed is None else seed),
         )
         damping = robot.description.drive.back_emf if voltages else None

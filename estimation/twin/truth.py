@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
@@ -51,11 +51,6 @@ class MeasurementColumns:
 
 MEASUREMENT = ArrayTable("measurement.csv", _WRITTEN_BY, MeasurementColumns)
 """The column `period` is optional in a file that is read."""
-
-
-def repetition_file(repetition: int) -> str:
-    """Return the path of one of several repetitions in the run folder."""
-    return f"{REPETITIONS}/{repetition:04d}/{MEASUREMENT.file}"
 
 
 def write_measurement(
@@ -116,14 +111,14 @@ def headings(configuration: RunConfiguration) -> dict[str, tuple[str, str]]:
     return found
 
 
-def _motion_keys(motion: FourierTrajectory) -> dict[str, Any]:
-    return {**fourier_keys(motion), "frequency_hz": motion.frequency, "period": motion.period}
-
-
 Motion = Annotated[
     FourierTrajectory,
     PlainValidator(lambda value: checker(FourierKeys).validate_python(value).trajectory),
-    PlainSerializer(_motion_keys),
+    PlainSerializer(
+        lambda motion: (
+            fourier_keys(motion) | {"frequency_hz": motion.frequency, "period": motion.period}
+        )
+    ),
 ]
 """A trajectory whose keys in a file are those of `design.json`, its frequency and its period."""
 
@@ -155,56 +150,30 @@ class ExperimentKeys:
     ] = "lengths"
 
 
-@dataclass(frozen=True)
-class DisturbanceKeys:
-    """Disturbances of the experiment beyond the noise, as in the run file; null when off."""
+_DISTURBANCES = (
+    "tracking_error",
+    "drift",
+    "cogging",
+    "quantisation",
+    "outliers",
+    "force_constant",
+    "hum",
+    "delay",
+    "channel_delay",
+    "low_pass",
+    "clock",
+    "strut_length",
+    "compliance",
+    "lost",
+)
+"""Keys of the section `experiment` that are disturbances."""
 
-    tracking_error: Annotated[dict[str, Any] | None, described("m, rad", "of the execution")]
-    drift: Annotated[
-        dict[str, Any] | None, described("m", "of the lengths: size, and final of each strut")
-    ]
-    cogging: Annotated[dict[str, Any] | None, described("N, m, rad", "position-periodic forces")]
-    quantisation: Annotated[dict[str, Any] | None, described("m, N", "of lengths and forces")]
-    outliers: Annotated[dict[str, Any] | None, described("1", "share and size")]
-    force_constant: Annotated[
-        dict[str, Any] | None,
-        described("1", "relative errors of the measured forces: common, each, drift"),
-    ] = None
-    hum: Annotated[
-        dict[str, Any] | None, described("Hz, N, rad", "in the measured forces; phase null: drawn")
-    ] = None
-    delay: Annotated[float | None, described("s", "of the forces against the lengths")] = None
-    channel_delay: Annotated[
-        dict[str, Any] | None, described("s", "of single channels of forces and lengths")
-    ] = None
-    low_pass: Annotated[
-        dict[str, Any] | None, described("s", "time constants of single channels' low passes")
-    ] = None
-    clock: Annotated[
-        float | None, described("1", "relative error of the recording's clock, positive if fast")
-    ] = None
-    strut_length: Annotated[
-        tuple[float, ...] | None, described("m", "error of each measured length")
-    ] = None
-    compliance: Annotated[
-        tuple[float, ...] | None, described("m/N", "of each strut, beyond its motor")
-    ] = None
-    lost: Annotated[
-        dict[str, Any] | None, described("1", "missing samples: share, or rows from 1")
-    ] = None
 
-    @classmethod
-    def of(cls, section: ExperimentSection, drift: dict[str, Any] | None) -> Self:
-        """Collect the disturbances of a run; `drift` is that of the struts."""
-        names = [field.name for field in fields(cls) if field.name != "drift"]
-        found = section.model_dump(include=set(names))
-        off = (None, 0.0, (0.0,) * ACTUATORS, Delay().model_dump())
-        return cls(drift=drift, **{n: None if v in off else v for n, v in found.items()})
-
-    @property
-    def active(self) -> tuple[str, ...]:
-        """Names of the disturbances that are on, in words."""
-        return tuple(name.replace("_", " ") for name, value in vars(self).items() if value)
+def disturbance_keys(section: ExperimentSection, drift: dict[str, Any] | None) -> dict[str, Any]:
+    """Return the disturbances of a run by their keys, SI, None if off; `drift`: that was drawn."""
+    found = section.model_dump(include=set(_DISTURBANCES)) | {"drift": drift}
+    off = (None, 0.0, (0.0,) * ACTUATORS, Delay().model_dump())
+    return {name: None if found[name] in off else found[name] for name in _DISTURBANCES}
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,8 +255,16 @@ class Truth(RunFile):
         ExecutedTableTruth | None,
         described("", "the controller table that was executed; null for a design"),
     ] = None
-    disturbances: Annotated[DisturbanceKeys, described("", "in addition to the noise")]
+    disturbances: Annotated[
+        dict[str, Any],
+        described("SI", "those of `experiment:` by their keys, drift with its final; null: off"),
+    ]
     seeds: Annotated[SeedKeys, described("", "of the random numbers")]
+
+    @property
+    def disturbed_by(self) -> tuple[str, ...]:
+        """Names of the disturbances that are on, in words."""
+        return tuple(name.replace("_", " ") for name, given in self.disturbances.items() if given)
 
     @property
     def memory(self) -> str:
@@ -301,21 +278,8 @@ class Truth(RunFile):
         return f"with memory {' and '.join(coloured)}" if coloured else "white"
 
     def values_of(self, names: Iterable[str]) -> Array:
-        """Return the true values of parameters, SI, in the order of the names."""
-        return true_values(self.parameters, names)
-
-
-def true_values(parameters: Mapping[str, float], names: Iterable[str]) -> Array:
-    """Return a machine's values of parameters, SI, in the order of the names.
-
-    Parameters of missing terms are zero.
-
-    Examples
-    --------
-    >>> true_values({"p10": 12.0}, ["p10", "cable"]).tolist()
-    [12.0, 0.0]
-    """
-    return np.array([parameters.get(name, 0.0) for name in names])
+        """Return the true values of parameters, SI, in their order; zero for missing terms."""
+        return np.array([self.parameters.get(name, 0.0) for name in names])
 
 
 def write_truth(

@@ -12,7 +12,7 @@ from estimation.montecarlo import run_study
 from estimation.montecarlo.result import EstimatorStatistics, MonteCarloResult
 from estimation.montecarlo.study import NAME as JOURNAL
 from estimation.twin import Truth, Twin
-from estimation.twin.truth import repetition_file, write_measurement, write_truth
+from estimation.twin.truth import REPETITIONS, write_measurement, write_truth
 from expdesign.configuration import ConfigurationLike, load_run
 from expdesign.experiment import DesignResult
 from expdesign.export.table_file import find_table_file
@@ -65,7 +65,8 @@ def run_experiment(work: Workspace) -> Outcome:
         files |= set(write_truth(twin.truth, folder, configuration, repeated=repetitions > 1))
         with work.progress.count("repetitions") as advanced:
             for number in range(1, repetitions + 1):
-                file = folder / (repetition_file(number) if repetitions > 1 else MEASUREMENT_FILE)
+                place = f"{REPETITIONS}/{number:04d}" if repetitions > 1 else "."
+                file = folder / place / MEASUREMENT_FILE
                 advanced(done, repetitions)
                 measurement = twin.measurement(number)
                 write_measurement(measurement, file, configuration)

@@ -29,7 +29,7 @@ def experiment_view(folder: RunFolder) -> StageView:
     """Return the view of the simulated recording in a folder."""
     truth = folder.result(Truth)
     experiment = truth.experiment
-    disturbances = ", ".join(truth.disturbances.active) or "none"
+    disturbances = ", ".join(truth.disturbed_by) or "none"
     table = "" if truth.table is None else truth.table.file
     twin = f"the digital twin executing {table}" if table else "the digital twin"
     if truth.machine is not None:

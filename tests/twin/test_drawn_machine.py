@@ -89,10 +89,10 @@ def test_it_is_what_the_twin_measures():
     truth = twin.truth
     np.testing.assert_array_equal(truth.machine.base_joints, found.configuration.truth.base_joints)
     assert truth.parameters == dict(configuration().robot.parameters)
-    assert truth.disturbances.delay == found.configuration.run.experiment.delay
+    assert truth.disturbances["delay"] == found.configuration.run.experiment.delay
     by_name = dict(zip((d.name for d in found.deviations), found.values, strict=True))
-    assert by_name["delay"] == truth.disturbances.delay
-    assert by_name["strut_length_6"] == truth.disturbances.strut_length[5]
+    assert by_name["delay"] == truth.disturbances["delay"]
+    assert by_name["strut_length_6"] == truth.disturbances["strut_length"][5]
     # The robot that the estimator knows stays.
     np.testing.assert_array_equal(
         found.configuration.robot.base_joints, configuration().robot.base_joints

@@ -108,7 +108,7 @@ def test_drift_grows_from_zero_to_its_size(quiet):
     plain, found = (quiet(periods=6, sampling=100, drift=d) for d in (0, 5e-5))
     first, second = found.measurement(1), found.measurement(2)
     added = first.lengths - plain.measurement(1).lengths
-    final = found.truth.disturbances.drift["final"]
+    final = found.truth.disturbances["drift"]["final"]
     np.testing.assert_allclose(np.abs(final), 5e-5, rtol=1e-15)
     np.testing.assert_allclose(added[0], 0, atol=1e-15)
     np.testing.assert_allclose(added[-1], final, rtol=1e-5)
@@ -126,7 +126,7 @@ def test_drifts_of_different_seeds_differ_in_sign():
 
 def _drift(seed):
     run = configuration(TINY, periods=1, sampling=50, drift=1e-5, seed=seed)
-    return Twin.of(run, motion()).truth.disturbances.drift["final"]
+    return Twin.of(run, motion()).truth.disturbances["drift"]["final"]
 
 
 def test_quantisation(twin):
@@ -201,7 +201,7 @@ def test_what_the_repetitions_share_depends_on_no_other_disturbance(twin):
     among = twin(periods=2, sampling=80, **DISTURBANCES).truth
     np.testing.assert_array_equal(alone.executed.mu, among.executed.mu)
     np.testing.assert_array_equal(
-        alone.disturbances.drift["final"], among.disturbances.drift["final"]
+        alone.disturbances["drift"]["final"], among.disturbances["drift"]["final"]
     )
 
 
@@ -303,7 +303,7 @@ def test_truth(twin):
     assert (truth.experiment.samples, truth.robot) == (500, "palida")
     assert truth.experiment.samples_per_period == pytest.approx(500 / 3)
     np.testing.assert_array_equal(truth.force_covariance, ROBOT.description.noise.force_covariance)
-    assert truth.disturbances.drift is None
+    assert truth.disturbances["drift"] is None
 
 
 def test_a_general_platform():

@@ -212,8 +212,8 @@ def test_struts_that_cannot_hold_the_platform(compliance):
 def test_each_is_told_and_changes_no_draw_of_the_noise(twin, name):
     given = {"periods": 2, "sampling": 100}
     plain, other = twin(**given), twin(**given, **{name: DISTURBANCES[name]})
-    assert other.truth.disturbances.active == (name.replace("_", " "),)
-    assert plain.truth.disturbances.active == ()
+    assert other.truth.disturbed_by == (name.replace("_", " "),)
+    assert plain.truth.disturbed_by == ()
     noise, again = (t.measurement(5).lengths - t.lengths for t in (plain, other))
     np.testing.assert_allclose(again, noise, atol=1e-12)
     if name != "hum":

@@ -7,7 +7,6 @@ import pytest
 
 from estimation.montecarlo.study import Workbench, study_inputs
 from estimation.twin import Truth, Twin
-from estimation.twin.truth import true_values
 from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.robot import Robot, load_robot
 from tests.twin.examples import TINY, motion
@@ -135,7 +134,6 @@ def test_estimates_are_compared_with_the_true_values():
     # Seven standard deviations of the worst of thirty: right parameters, not right statistics.
     assert np.all(np.abs(outcome.values - truth) < 7 * outcome.std)
     assert np.all(np.isfinite(bench.bound()))
-    np.testing.assert_array_equal(true_values({"a": 1.0}, ["b", "a"]), [0, 1])
 
 
 def test_a_path_is_relative_to_the_run_file(tmp_path):
