@@ -78,7 +78,7 @@ class FileFormat:
         RuntimeError
             The reading process could not be started.
         """
-        table: RawTable = (self._load_apart if self.may_crash else self.load_here)(path, section)
+        table: RawTable = self._answer(path, section)
         return table
 
     def columns_of(self, path: Path) -> FileContent:
@@ -86,16 +86,17 @@ class FileFormat:
         if self.list_columns is None:
             known = "name the columns under data.columns"
             raise InputError(f"columns of {self.title} cannot be listed", path, allowed=known)
-        return self._load_apart(path, None) if self.may_crash else self.columns_here(path)
+        content: FileContent = self._answer(path, None)
+        return content
 
-    def columns_here(self, path: Path) -> FileContent:
-        """Return all columns of a file in this process."""
-        with self._named_failures(path):
-            return FileContent(()) if self.list_columns is None else self.list_columns(path)
+    def _answer(self, path: Path, section: DataSection | None) -> Any:
+        return (self._load_apart if self.may_crash else self.load_here)(path, section)
 
-    def load_here(self, path: Path, section: DataSection) -> RawTable:
-        """Read a file in this process."""
+    def load_here(self, path: Path, section: DataSection | None) -> RawTable | FileContent:
+        """Read a file in this process; without a section, list its columns."""
         with self._named_failures(path):
+            if section is None:
+                return FileContent(()) if self.list_columns is None else self.list_columns(path)
             table = self.read(path, section)
         if section.sampling is not None and "t" not in table.values:
             stamps = np.arange(max(map(len, table.values.values()))) / section.sampling
@@ -178,11 +179,7 @@ def serve() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     try:
-        answer: RawTable | FileContent | InputError = (
-            file_format.columns_here(path)
-            if section is None
-            else file_format.load_here(path, section)
-        )
+        answer: RawTable | FileContent | InputError = file_format.load_here(path, section)
     except InputError as error:
         answer = error
     with os.fdopen(answers, "wb") as stream:

@@ -237,11 +237,6 @@ class TimeBase:
     """Number of samples missing between the rows."""
     warnings: tuple[str, ...] = ()
 
-    def with_stamps(self, stamps: Array) -> TimeBase:
-        """Return the stamps (T,) as the time, with their mean step."""
-        mean = float((stamps[-1] - stamps[0]) / (len(stamps) - 1 + self.lost))
-        return replace(self, time=stamps, step=mean)
-
 
 def time_base(table: RawTable, section: DataSection) -> TimeBase:
     """Return the time base of a recording: the grid that fits its stamps, or the stamps themselves.
@@ -278,7 +273,8 @@ def time_base(table: RawTable, section: DataSection) -> TimeBase:
             problems.append(table.problem(message, "t", row, allowed))
         refuse(problems, table.file, "gaps", len(gaps))
     if section.time == "stamped":
-        grid = grid.with_stamps(time)
+        mean = float((time[-1] - time[0]) / (len(time) - 1 + grid.lost))
+        grid = replace(grid, time=time, step=mean)
     elif grid.jitter > section.time_tolerance:
         off = f"{100 * grid.jitter:.3g} % of a step ({grid.step:.6g} s)"
         allowed = f"up to {100 * section.time_tolerance:g} %; data.time: stamped"

@@ -64,7 +64,7 @@ def is_stamp(text: str) -> bool:
 
 def _form(text: str) -> tuple[bool, bool] | None:
     """Return whether a stamp has a date and a zone, None for another text."""
-    found = _STAMP.fullmatch(text)
+    found = _STAMP.fullmatch(text.strip())
     return None if found is None else (bool(found["date"]), bool(found["zone"]))
 
 
@@ -94,7 +94,7 @@ class TimeCells:
     @classmethod
     def starting_with(cls, text: str) -> TimeCells | None:
         """Return the reader for a column by its first cell; None for an ordinary number."""
-        form, number = _form(text.strip()), _decimal(text)
+        form, number = _form(text), _decimal(text)
         dated = form is not None or (number is not None and number >= EARLIEST)
         return cls(form) if dated else None
 

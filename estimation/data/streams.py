@@ -57,28 +57,26 @@ def join_tables(
         spans = [f"{one.time[0]:.6g} to {one.time[-1]:.6g} s" for one in bases]
         message = f"the files have no time in common: lengths {spans[0]}, forces {spans[1]}"
         raise InputError(message, other.file, allowed="stamps of one clock")
-    source = (other, table)[slow]
+    kept, source = (table, other)[slow], (other, table)[slow]
     channels = [name for name in source.values if name not in ("t", "period")]
     reduced = resample(
         fast.time, np.column_stack([source.values[name] for name in channels]), base.time[inside]
     )
     rows = np.flatnonzero(inside)
     values = dict(zip(channels, reduced.T, strict=True))
-    values |= {
-        name: column[rows] for name, column in (table, other)[slow].values.items() if name != "t"
-    }
+    values |= {name: column[rows] for name, column in kept.values.items() if name != "t"}
     if slow and "period" in table.values:
         before = np.searchsorted(fast.time, base.time[rows], side="right") - 1
         values["period"] = table.values["period"][before]
     order = ["t", *(name for one in (table, other) for name in one.values if name != "t")]
     columns = {name: replace(one, file=source.file) for name, one in source.columns.items()}
-    columns |= (table, other)[slow].columns
+    columns |= kept.columns
     values["t"] = base.time[rows]
     joint = replace(
-        (table, other)[slow],
+        kept,
         values={name: values[name] for name in order},
         columns=columns | {"t": RecordedColumn("t", unit="s")},
-        rows=np.array([(table, other)[slow].row_number(row) for row in rows.tolist()]),
+        rows=np.array([kept.row_number(row) for row in rows.tolist()]),
         texts={},
         origin=0.0,
     )

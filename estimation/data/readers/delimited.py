@@ -127,7 +127,10 @@ def read(path: Path, section: DataSection) -> RawTable:
         which = f"line {number}" if about.before else "the first line"
         message = f"{which} names no columns" if first else "the file is empty"
         raise InputError(message, path, number)
-    delimiter = _delimiter(path, section, line)
+    delimiter = section.delimiter
+    # A comma may be the default, which resolved run files contain as well.
+    if path.suffix.lower() == ".tsv" and delimiter == "," and "\t" in line:
+        delimiter = "\t"
     try:
         names = about.names or next(csv.reader([line], delimiter=delimiter))
     except csv.Error:
@@ -202,16 +205,6 @@ def _gather_rows(
     )
 
 
-def _delimiter(path: Path, section: DataSection, header: str) -> str:
-    """Return the delimiter of the section; for .tsv a tab if the section has the default.
-
-    Resolved run files contain the default as well.
-    """
-    if path.suffix.lower() == ".tsv" and section.delimiter == "," and "\t" in header:
-        return "\t"
-    return section.delimiter
-
-
 def _with_delimiter_hint(
     error: InputError, path: Path, header: str, delimiter: str, line: int
 ) -> InputError:
@@ -235,7 +228,7 @@ _SAMPLE = 200
 def list_columns(path: Path) -> FileContent:
     """Guess delimiter and decimal mark, and list the columns with the units of a row of units."""
     lines = next(line_blocks(path), [])[:_SAMPLE]
-    form, rows = split_table(lines, _is_stamp)
+    form, rows = split_table(lines, is_stamp)
     width = len(rows[-1]) if rows else 0
     first = next((n for n, row in enumerate(rows) if _is_data(row, width)), len(rows))
     header, units, stated = first - 1, list[str](), dict[str, Any]()
@@ -263,17 +256,10 @@ def list_columns(path: Path) -> FileContent:
     return FileContent(columns, {"header": stated, **changed} if stated else changed, questions)
 
 
-def _is_stamp(cell: str) -> bool:
-    return is_stamp(cell.strip())
-
-
-def _is_number(cell: str) -> bool:
-    return _is_stamp(cell) or is_number(cell)
-
-
 def _is_data(row: Sequence[str], width: int) -> bool:
     """Return whether a row has the width of the table and mostly numbers."""
-    return len(row) == width and sum(map(_is_number, row)) > width / 2
+    numbers = sum(is_stamp(cell) or is_number(cell) for cell in row)
+    return len(row) == width and numbers > width / 2
 
 
 def _are_units(row: Sequence[str]) -> bool:

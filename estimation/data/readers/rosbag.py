@@ -57,7 +57,12 @@ def read(path: Path, section: DataSection) -> RawTable:
             )
         names = _joint_names(section.columns, columns)
         picked = pick_columns(columns, names, path, channels=section.channels)
-        topic = _one_topic(picked, path)
+        topics_picked = {column.place[0]: column for column in picked.values()}
+        if len(topics_picked) > 1:
+            some = " and ".join(f"'{column.label}'" for column in topics_picked.values())
+            message = f"the columns are of several topics: {some}"
+            raise InputError(message, path, allowed="one topic")
+        (topic,) = topics_picked
         refuse_long(sum(connection.msgcount for connection in topics[topic]), path)
         return _table(bag, topics[topic], picked, path)
 
@@ -110,23 +115,11 @@ def _joint_names(given: Mapping[str, str], columns: list[RecordedColumn]) -> dic
         names[length] = joint if joint in known else f"{joint}.position"
         joint = given.get(force, names[length].removesuffix(".position"))
         names[force] = joint if joint in known else f"{joint}.effort"
-    stamps = _topic(names[LENGTH_CHANNELS[0]], columns)
-    names.setdefault("t", f"{stamps}{_STAMP}")
+    # The prefix of the topic, empty when there is one topic.
+    first = (column for column in columns if names[LENGTH_CHANNELS[0]] in column.spellings)
+    prefix = next((column.text.removesuffix(column.short) for column in first), "")
+    names.setdefault("t", f"{prefix}{_STAMP}")
     return names
-
-
-def _topic(name: str, columns: list[RecordedColumn]) -> str:
-    """Return the prefix of a column's topic, empty when there is one topic."""
-    matches = [column for column in columns if name in column.spellings]
-    return matches[0].text.removesuffix(matches[0].short) if matches else ""
-
-
-def _one_topic(picked: Mapping[str, RecordedColumn], path: Path) -> str:
-    topics = {column.place[0]: column for column in picked.values()}
-    if len(topics) > 1:
-        some = " and ".join(f"'{column.label}'" for column in topics.values())
-        raise InputError(f"the columns are of several topics: {some}", path, allowed="one topic")
-    return next(iter(topics))
 
 
 def _table(
