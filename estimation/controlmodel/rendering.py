@@ -17,7 +17,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from jinja2 import Environment, select_autoescape
 
 from constraints.arrays import Array
 from estimation.controlmodel.model import DOUBLE, SINGLE, ControlModel
@@ -25,6 +25,7 @@ from estimation.uncertainty.forces import by_actuator
 from expdesign.evaluation.vector_code import LIBRARY, UnknownInstructionError
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.mechanism.term import parameters_of
+from expdesign.templates import text_templates
 
 _WORDS = {
     "α": "alpha",
@@ -235,14 +236,8 @@ def _wrap_comment(words: Sequence[str], width: int = 90) -> list[str]:
 
 @cache
 def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("estimation.controlmodel", "templates"),
-        autoescape=select_autoescape(("xml.j2",), default=False),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+    environment = text_templates("estimation.controlmodel")
+    environment.autoescape = select_autoescape(("xml.j2",), default=False)
     environment.filters |= {
         "c_reals": partial(_format_list, form="R({})", brackets="{}"),
         "c_doubles": partial(_format_list, form="{}", brackets="{}"),

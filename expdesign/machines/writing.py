@@ -6,11 +6,9 @@ import tempfile
 import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from constraints import limit_definitions
 from expdesign.configuration import InputError, load_run, quantity_text
@@ -24,6 +22,7 @@ from expdesign.machines.machine import MachineDraft, Points, format_flow, format
 from expdesign.mechanism.term import Parameter, parameters_of
 from expdesign.robot import robot_from
 from expdesign.runfolder.files import write_text
+from expdesign.templates import text_templates
 
 _HOME_UNITS = ("m", "m", "m", "rad", "rad", "rad")
 _WIDTH = 100
@@ -105,7 +104,7 @@ def robot_file(complete: Complete) -> str:
         return "".join(_question(text, indent) for text in asked.get(key, ()))
 
     text = (
-        _environment()
+        text_templates("expdesign.machines")
         .get_template("robot.yaml.j2")
         .render(
             machine=machine,
@@ -143,7 +142,7 @@ def run_file(complete: Complete) -> str:
     """Return the text of the run file."""
     robot, run = file_names(complete.machine.name)
     return (
-        _environment()
+        text_templates("expdesign.machines")
         .get_template("run.yaml.j2")
         .render(
             machine=complete.machine,
@@ -151,18 +150,6 @@ def run_file(complete: Complete) -> str:
             run_file=run,
             frequency=[format_quantity(f, "Hz") for f in complete.frequency],
         )
-    )
-
-
-@cache
-def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader("expdesign.machines", "templates"),
-        autoescape=False,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
     )
 
 

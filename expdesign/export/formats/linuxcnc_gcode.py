@@ -50,6 +50,7 @@ from expdesign.export.text_table import Loop, every_line, lines, mark_window, nu
 from expdesign.machines.genhexkins import setp_lines, turn_errors
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.progress import track
+from expdesign.templates import text_templates
 
 AXES = ("X", "Y", "Z", "A", "B", "C")
 START_FEED = 6.0
@@ -436,24 +437,10 @@ def planner_lines(_rows: Rows, settings: Settings) -> list[str]:
     """Return the lines of the INI file with which the table was checked."""
     limits = planner_limits(settings)
     unit = settings.axes.units[0]
-    path = [f"MAX_LINEAR_VELOCITY = {limits.path_velocity:.12g}"]
-    lines = [
-        f"# Limits with which the table was executed, {unit} and degrees. With others LinuxCNC's",
-        "# planner makes another motion of it. A copy of the machine's INI file is safest: the",
-        "# accelerations count for every other move as well.",
-        "[EMCMOT]",
-        f"SERVO_PERIOD = {round(1e9 * limits.period)}",
-        "[TRAJ]",
-        "ARC_BLEND_ENABLE = 0",
-        *(path if np.isfinite(limits.path_velocity) else []),
-    ]
-    for letter, speed, acceleration in zip(AXES, limits.velocity, limits.acceleration, strict=True):
-        lines += [
-            f"[AXIS_{letter}]",
-            f"MAX_VELOCITY = {speed:.12g}",
-            f"MAX_ACCELERATION = {acceleration:.12g}",
-        ]
-    return lines
+    template = text_templates("expdesign.export").get_template("planner.ini.j2")
+    axes = zip(AXES, limits.velocity, limits.acceleration, strict=True)
+    text = template.render(unit=unit, limits=limits, axes=axes, inf=np.inf)
+    return text.splitlines()
 
 
 def _options(settings: Settings) -> GcodeOptions:

@@ -27,6 +27,7 @@ from expdesign.export.text_table import (
     write_lines,
 )
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
+from expdesign.templates import text_templates
 
 
 def _write(path: Path, rows: Rows, settings: Settings) -> None:
@@ -70,8 +71,6 @@ def _with_our_head(text: Iterator[str], settings: Settings) -> Iterator[str]:
 
 
 STREAMER_ENDING = ".streamer.hal"
-_DEPTH = 4000
-"""Rows that the streamer holds in advance."""
 
 
 def hal_lines(_rows: Rows, settings: Settings) -> list[str]:
@@ -81,67 +80,14 @@ def hal_lines(_rows: Rows, settings: Settings) -> list[str]:
     first row is played in the cycle in which `table-run` is seen, so that no other value of the
     streamer's pins, which are 0 before, reaches the drives.
     """
-    joints = range(ACTUATORS)
-    names = {
-        kind: ",".join(f"table-{kind}-{j}" for j in joints)
-        for kind in ("shift", "gate", "cmd", "fb")
-    }
-    text = [
-        f"# Adds {settings.title} to the motor commands of joints 0 to 5:",
-        "#   command = joint.N.motor-pos-cmd + (row - first row), from the first row on.",
-        "# Connect table-cmd-N.out to drive N, and its measured position to table-fb-N.in0.",
-        f"loadrt streamer depth={_DEPTH} cfg={'f' * ACTUATORS}",
-        "loadrt not names=table-filled,table-stopped,table-new",
-        "loadrt and2 names=table-on,table-row",
-        # Armed by table-run, until the machine is off: a stop in the table ends it for good.
-        "loadrt flipflop names=table-begun,table-armed",
-        f"loadrt mux2 names=table-count,{names['gate']}",
-        "loadrt integ names=table-rows",
-        f"loadrt sum2 names={names['shift']},{names['cmd']},{names['fb']}",
-        "net table-run => table-armed.clk table-on.in0",
-        "net table-allowed motion.motion-enabled => table-stopped.in",
-        "net table-stopped table-stopped.out => table-armed.reset",
-        "net table-new table-new.out => table-armed.data",
-        "net table-armed table-armed.out => table-on.in1",
-        "net table-on table-on.out => streamer.0.enable table-row.in0",
-        "net table-empty streamer.0.empty => table-filled.in",
-        "net table-filled table-filled.out => table-row.in1",
-        "net table-row table-row.out => table-count.sel table-begun.set",
-        "net table-begun table-begun.out => table-new.in "
-        + " ".join(f"table-gate-{joint}.sel" for joint in joints),
-        "setp table-count.in1 1",
-        f"setp table-rows.gain {1 / (settings.step or 1.0):.9g}",
-        "net table-count table-count.out => table-rows.in",
-        *(
-            f"addf {name} servo-thread"
-            for name in (
-                *(
-                    "table-stopped",
-                    "table-new",
-                    "table-armed",
-                    "table-on",
-                    "streamer.0",
-                    "table-filled",
-                    "table-row",
-                    "table-begun",
-                ),
-                *("table-count", "table-rows"),
-            )
-        ),
-    ]
-    for joint, start in enumerate(settings.start):
-        text += [
-            f"net table-pin-{joint} streamer.0.pin.{joint} => table-shift-{joint}.in0",
-            f"setp table-shift-{joint}.offset {settings.number(-start)}",
-            f"net table-shift-{joint} table-shift-{joint}.out => table-gate-{joint}.in1",
-            f"net table-gate-{joint} table-gate-{joint}.out => table-cmd-{joint}.in1 "
-            f"table-fb-{joint}.in1",
-            f"setp table-fb-{joint}.gain1 -1",
-            f"net motion-cmd-{joint} joint.{joint}.motor-pos-cmd => table-cmd-{joint}.in0",
-            f"net motion-fb-{joint} table-fb-{joint}.out => joint.{joint}.motor-pos-fb",
-            *(f"addf table-{kind}-{joint} servo-thread" for kind in ("shift", "gate", "cmd", "fb")),
-        ]
-    return text
+    template = text_templates("expdesign.export").get_template("streamer.hal.j2")
+    text = template.render(
+        title=settings.title,
+        step=settings.step,
+        joints=range(ACTUATORS),
+        offsets=[settings.number(-start) for start in settings.start],
+    )
+    return text.splitlines()
 
 
 class HalstreamerOptions(ExportSection):

@@ -50,6 +50,7 @@ from expdesign.export.ros_messages import (
 )
 from expdesign.export.text_table import every_line, lines, write_lines
 from expdesign.mechanism.hexapod import actuator_names
+from expdesign.templates import text_templates
 
 _FINER = 3
 """More digits for rotations: what is computed back from them keeps the digits asked for."""
@@ -339,37 +340,6 @@ class Ros2Options(ExportSection):
 
 
 _CLIENT = ".publish.py"
-_CLIENT_LINES = """\
-#!/usr/bin/env python3
-\"""Publish a message of a YAML file once: {client} FILE [--check]
-
-With --check the message is built and its points are counted, but nothing is published.
-\"""
-
-import sys
-
-import rclpy
-import yaml
-from rosidl_runtime_py import set_message_fields
-from rosidl_runtime_py.utilities import get_message
-
-TYPE, TOPIC = "{type}", "{topic}"
-with open(sys.argv[1], encoding="ascii") as file:
-    values = yaml.load(file, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-message = get_message(TYPE)()
-set_message_fields(message, values)
-print(f"{{len(message.points)}} points of {{TYPE}}")
-if "--check" not in sys.argv[2:]:
-    rclpy.init()
-    node = rclpy.create_node("expdesign")
-    publisher = node.create_publisher(type(message), TOPIC, 1)
-    while not publisher.get_subscription_count():
-        print(f"waiting for a subscriber of {{TOPIC}}")
-        rclpy.spin_once(node, timeout_sec=1.0)
-    publisher.publish(message)
-    publisher.wait_for_all_acked()
-    rclpy.shutdown()
-"""
 
 
 def _client(_rows: Rows, settings: Settings) -> list[str]:
@@ -378,7 +348,8 @@ def _client(_rows: Rows, settings: Settings) -> list[str]:
         return []
     kind = message_type(settings)
     client = f"{settings.section.stem}{_CLIENT}"
-    return _CLIENT_LINES.format(client=client, type=kind, topic=TOPICS[kind]).splitlines()
+    template = text_templates("expdesign.export").get_template("publish.py.j2")
+    return template.render(client=client, type=kind, topic=TOPICS[kind]).splitlines()
 
 
 def _guide_values(settings: Settings) -> dict[str, str]:

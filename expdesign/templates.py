@@ -1,0 +1,17 @@
+"""Templates of text files, in the folder `templates` of a package."""
+
+from __future__ import annotations
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+
+def text_templates(package: str) -> Environment:
+    """Return the templates of a package; blocks leave no lines, unknown names are errors."""
+    return Environment(
+        loader=PackageLoader(package, "templates"),
+        autoescape=False,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
