@@ -372,23 +372,6 @@ def _no_values(_settings: Settings) -> Mapping[str, str]:
 
 
 @dataclass(frozen=True)
-class Guide:
-    """Instructions for a table, in the order in which they are followed.
-
-    Each is a text of paragraphs with blank lines between them; a paragraph with an indent of four
-    spaces is a command. ``{axes}``, ``{step}``, ``{file}``, ``{stem}``, ``{start}``,
-    ``{positions}`` (of the start) and ``{companions}`` (further files) are filled in.
-    """
-
-    before: str
-    load: str
-    run: str
-    slow: str = ""
-    record: str = ""
-    afterwards: str = ""
-
-
-@dataclass(frozen=True)
 class ControllerModel:
     """Execution of a table by a controller that plans between the rows itself."""
 
@@ -421,12 +404,12 @@ class TableFormat:
     otherwise."""
     options: type[ExportSection]
     """Options of the format in the run file."""
-    guide: Guide
-    """How to run the file."""
+    guide: str
+    """How to run the file, as a template with the blocks of `templates/guide.txt.j2`."""
     clock: str
     """Resolution of the controller's row times."""
     guide_values: Callable[[Settings], Mapping[str, str]] = _no_values
-    """Further values for the guide by their names in it."""
+    """Further values for the guide."""
     capacity: str = "not known"
     """The controller's limits of rows, times and numbers."""
     executed: str = "a model of the interpolation"
@@ -454,9 +437,6 @@ class TableFormat:
     """Whether the table also holds pose, struts and forces in SI units."""
     controller: ControllerModel | None = None
     """None: the controller moves on `interpolation`."""
-    trigger: str = ""
-    """How the output is switched, in plain words, for `guide`; ``{number}``, ``{on}``, ``{off}``
-    and ``{companions}`` are filled in."""
     companions: Mapping[str, Callable[[Rows, Settings], list[str]]] = field(default_factory=dict)
     """Lines of further files by their ending, which stands behind the table's name without its
     own; a file without lines is not written."""

@@ -6,7 +6,7 @@ import math
 import textwrap
 
 from expdesign.export.definition import scaled_in_words
-from expdesign.export.result import ExportResult
+from expdesign.export.result import ExportResult, join_words
 from expdesign.recheck.limit_check import in_words
 from expdesign.templates import text_templates
 
@@ -35,6 +35,5 @@ def readme(result: ExportResult) -> str:
 
 
 def _paragraph(text: str) -> str:
-    words = " ".join(text.split()).replace(" ;", ";").replace(" .", ".")
-    filled = textwrap.fill(words, _WIDTH, break_long_words=False, break_on_hyphens=False)
+    filled = textwrap.fill(join_words(text), _WIDTH, break_long_words=False, break_on_hyphens=False)
     return f"{filled}\n\n"

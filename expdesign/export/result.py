@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, PlainSerializer
 
 from expdesign.export.certification import LIMIT_SHARE
-from expdesign.export.definition import Settings, Task
+from expdesign.export.definition import Task
 from expdesign.export.execution import InformationChange
 from expdesign.export.exporting import Export
 from expdesign.export.read_back import (
@@ -26,6 +26,7 @@ from expdesign.mechanism.hexapod import COORDINATE_NAMES, actuator_names
 from expdesign.motion.executable import LeadRamps, lead_ramps
 from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, Unlimited, unlimited
 from expdesign.runfolder import JsonFile, OpenNumber, described
+from expdesign.templates import text_templates
 
 FOLDER, RECORD, README = "exports", "exports.json", "README.txt"
 
@@ -256,57 +257,40 @@ def _guide(export: Export) -> str:
     Every format has the same headings in the same order.
     """
     settings, check = export.settings, export.check
-    form, guide = settings.form, settings.form.guide
-    companions = ", ".join(path.name for path in export.companions)
-    begin, end = settings.window if check.controller is None else check.controller.window
     start = [settings.number(value) for value in settings.start]
-    window = (
-        f"The measurement window lasts from {begin:.6f} s to {end:.6f} s after the start of the "
-        "table."
+    on, off = (f"{time:.6f}" for time in check.trigger) if check.trigger else ("", "")
+    text = (
+        text_templates("expdesign.export")
+        .from_string(settings.form.guide)
+        .render(
+            settings=settings,
+            periods=settings.task.motion.periods,
+            window=settings.window if check.controller is None else check.controller.window,
+            axes=", ".join(settings.axes.names),
+            reversed=[k for k, factor in enumerate(settings.axes.factor, 1) if factor < 0],
+            step=f"{1e3 * check.longest_step:.6g} ms",
+            start=" ".join(f"{n} {v}" for n, v in zip(settings.axes.names, start, strict=True)),
+            positions=", ".join(start),
+            file=export.path.name,
+            stem=export.path.stem,
+            companions=", ".join(path.name for path in export.companions),
+            number=settings.section.trigger,
+            on=on,
+            off=off,
+            **settings.form.guide_values(settings),
+        )
     )
-    parts = {
-        "Before you start": [guide.before],
-        "Load": [guide.load],
-        "First slow run": [_slow(settings), guide.slow],
-        "Run": [guide.run],
-        "Record": [window, "" if check.trigger is None else form.trigger, guide.record],
-        "Afterwards": [guide.afterwards or _AFTERWARDS],
-    }
-    on, off = (f"{time:.6f}" for time in check.trigger or (np.nan, np.nan))
-    text = "\n\n".join(
-        "\n\n".join([f"{title}\n{len(title) * '~'}", *filter(None, part)])
-        for title, part in parts.items()
-    )
-    for name, value in form.guide_values(settings).items():
-        text = text.replace(f"{{{name}}}", value)
-    return text.format(
-        axes=", ".join(settings.axes.names),
-        step=f"{1e3 * check.longest_step:.6g} ms",
-        start=" ".join(f"{n} {v}" for n, v in zip(settings.axes.names, start, strict=True)),
-        positions=", ".join(start),
-        file=export.path.name,
-        stem=export.path.stem,
-        companions=companions,
-        number=settings.section.trigger,
-        on=on,
-        off=off,
+    parts = (part.strip("\n") for part in text.split("\n\n"))
+    return "\n\n".join(
+        part if part.startswith("    ") or part.endswith("~") else join_words(part)
+        for part in parts
+        if part.strip()
     )
 
 
-_AFTERWARDS = (
-    "The table ends where it began, at rest at home. Disable the drives before you approach the "
-    "machine. Keep the recording as it is: `expdesign estimate` reads it with the window above."
-)
-
-
-def _slow(settings: Settings) -> str:
-    if settings.section.factor != 1:
-        return "This is the table for the first run: run it before the others."
-    return (
-        "Run a scaled table first, with a hand on the emergency stop: the same motion smaller and "
-        f"slower, from the command of this table (`expdesign export` with format "
-        f"{settings.section.format}, its units and offsets) and `--scale 0.3`, in the same steps."
-    )
+def join_words(text: str) -> str:
+    """Return a paragraph of a template as one line."""
+    return " ".join(text.split()).replace(" ;", ";").replace(" .", ".")
 
 
 def _table_check(check: ReadBack, tolerance: float) -> TableCheck:

@@ -16,7 +16,6 @@ from expdesign.configuration.export import MOTOR_UNITS, STRUT_ONLY, ExportSectio
 from expdesign.export.definition import (
     LENGTH_UNITS,
     Axes,
-    Guide,
     Interpolation,
     Rows,
     Settings,
@@ -140,22 +139,6 @@ def _read(path: Path, settings: Settings) -> Rows:
     return replace(rows, columns={"t": found.times} | record).checked()
 
 
-def _guide_values(settings: Settings) -> dict[str, str]:
-    """Return the meaning of numbers, signs and zeros of struts, in words."""
-    section, axes = settings.section, settings.axes
-    text, reversed_axes = "", np.flatnonzero(axes.factor < 0) + 1
-    if not len(reversed_axes):
-        text += " (positive extends)"
-    if section.order is not None:
-        text += f"; all columns 1…6 belong to the struts {', '.join(map(str, axes.source + 1))}"
-    if len(reversed_axes):
-        text += f"; q, dq, ddq and Q of {', '.join(map(str, reversed_axes))} are positive "
-        text += "when the strut retracts, those of the others when it extends"
-    if section.offset is not None:
-        text += "; q counts from the zeros of the axes"
-    return {"axes_of_struts": text}
-
-
 FORMAT = TableFormat(
     name="csv",
     title="CSV with the whole motion",
@@ -164,25 +147,10 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=CsvOptions,
-    guide=Guide(
-        before=(
-            "The file is for your own program, which commands the strut lengths q1…q6 of a row at "
-            "its time t and nothing between: run it in a loop of {step}."
-        ),
-        load=(
-            "One row every {step}, comma-separated, the unit in every column's name, all digits. "
-            "t, pose (x y z phi theta psi), its first (d…) and second (dd…) derivatives, strut "
-            "lengths q1…q6 with theirs, cardan angles, expected actuator forces Q1…Q6 at the "
-            "nominal parameters{axes_of_struts}.\n\n"
-            "    python3 -c \"import pandas; print(pandas.read_csv('{file}').describe())\""
-        ),
-        run="Move the struts slowly to the first row, then begin with t = 0.",
-        record="The column window is 1 in the measurement window.",
-    ),
+    guide='{% extends "guides/csv.txt.j2" %}',
     clock="none: all digits of a double",
     capacity="that of your program",
     executed="pandas reads it; a model of the lines",
-    guide_values=_guide_values,
     digits=None,
     units="m",
     angles="rad",

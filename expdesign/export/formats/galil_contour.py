@@ -14,7 +14,6 @@ from constraints.arrays import Array
 from expdesign.configuration.errors import refusal
 from expdesign.configuration.export import STRUT_ONLY, ExportSection
 from expdesign.export.definition import (
-    Guide,
     Interpolation,
     Rows,
     Settings,
@@ -130,17 +129,7 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=GalilOptions,
-    guide=Guide(
-        before=(
-            "The increments are whole counts of the encoders. {update} sets the servo update in "
-            "us, {doublings} the step of {step} as a power of two of updates. Compare the number "
-            "of lines with the program memory; longer programs are sent line by line while CM "
-            "reports free places."
-        ),
-        load="Download the file with GDK or DMC Terminal (DL), or send its lines.",
-        run="Move the axes slowly to the start, {start}, let them come to rest, then XQ.",
-        record="Start the recording with the program.",
-    ),
+    guide='{% extends "guides/galil-contour.txt.j2" %}',
     guide_values=_guide_values,
     clock="2ⁿ servo updates (TM, DT), the same for all rows",
     capacity="lines of the program memory, by controller",

@@ -30,7 +30,6 @@ from expdesign.configuration.schema import MOST_ROWS, repeated, require_at_most
 from expdesign.export.definition import (
     LENGTH_UNITS,
     ControllerModel,
-    Guide,
     Interpolation,
     Rows,
     Settings,
@@ -497,31 +496,7 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=GcodeOptions,
-    guide=Guide(
-        before=(
-            "For a LinuxCNC machine with the kinematics genhexkins. Two files have its settings: "
-            "{companions}. Make a copy of the machine's INI file and HAL files for the experiment. "
-            "In the HAL file, replace the setp lines of genhexkins: the geometry has to be that of "
-            "the robot file. In the INI file, take over the limits of the axes, the servo period "
-            "and ARC_BLEND_ENABLE: with others the planner makes another motion of the table, and "
-            "every other move obeys them too. Work offsets, a rotation and a tool offset would "
-            "shift the whole motion: set all values of G54 to zero (G10 L2 P1 X0 Y0 Z0 A0 B0 C0 "
-            "R0), then G54, G92.1 and G49. Set the feed override to 100 % and the largest velocity "
-            "to its end."
-        ),
-        load=(
-            "Load the file. Every line is one move with its own duration (G93: F is 1/minutes). A, "
-            "B and C are roll, pitch and yaw about the fixed axes x, y, z: R = Rz(C) Ry(B) Rx(A)."
-        ),
-        run=(
-            "Home the machine, move it to the start above with a slow G53 G1 in MDI, and run the "
-            "file. Its first line goes to the start in 10 s; at the start it does not move: if it "
-            "does, an offset is left, so abort. Abort stops the motion."
-        ),
-        record=(
-            "These are times of the planner's motion: they differ by some cycles from the design's."
-        ),
-    ),
+    guide='{% extends "guides/linuxcnc-gcode.txt.j2" %}',
     clock="F of G93 with 6 decimals; the planner works in whole servo cycles",
     executed="LinuxCNC 2.9 ran it: its commands agree with a model of the planner to some nm",
     axes={"pose": AXES},
@@ -530,9 +505,4 @@ FORMAT = TableFormat(
     controller=ControllerModel(execute_moves, choose_row_times, tolerance, condition),
     fixed_angles=True,
     companions={ENDING: geometry_lines, PLANNER_ENDING: planner_lines},
-    trigger=(
-        "M62 P{number} and M63 P{number} switch the digital output motion.digital-out-{number:02} "
-        "of HAL together with the motion: it is on from {on} s to {off} s after the start. Connect "
-        "it to what records, and load motmod with num_dio above {number}."
-    ),
 )

@@ -14,7 +14,6 @@ from scipy.io.matlab import MatReadError
 from expdesign.configuration.export import STRUT_ONLY, ExportSection
 from expdesign.export.definition import (
     POSE_AXES,
-    Guide,
     Interpolation,
     Rows,
     Settings,
@@ -109,24 +108,7 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=MatOptions,
-    guide=Guide(
-        before=(
-            "The file is for a Simulink model or a dSPACE target that commands the axes {axes}. "
-            "Set the block From Workspace to a sample time of {step}, and its output after the "
-            "final value to Holding final value: the model must not extrapolate."
-        ),
-        load=(
-            "    load('{file}')\n\n"
-            "`command` is the matrix for From Workspace, column 1 the time in s, then the axes, "
-            "one row every {step}; `command_axes` and `command_units` name its columns. The struct "
-            "`motion` contains the whole motion in SI units and radians (`units`): pose, "
-            "derivatives, strut lengths, expected forces."
-        ),
-        run="Move the axes slowly to the first row, then start the model.",
-        record=(
-            "`motion.window` is 1 in the measurement window, `window` its beginning and end in s."
-        ),
-    ),
+    guide='{% extends "guides/mat.txt.j2" %}',
     clock="none: all digits of a double",
     capacity="2 GiB of a variable: 38 million rows",
     executed="scipy.io.loadmat reads it; a model of the lines",

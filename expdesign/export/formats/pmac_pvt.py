@@ -16,7 +16,6 @@ from constraints.arrays import Array
 from expdesign.configuration.errors import refusal
 from expdesign.configuration.export import PVT_OPTIONS, ExportSection
 from expdesign.export.definition import (
-    Guide,
     Interpolation,
     Rows,
     Settings,
@@ -246,22 +245,6 @@ class PmacOptions(ExportSection):
         return self
 
 
-def _clock_values(settings: Settings) -> dict[str, str]:
-    """Return the settings of the controller's clock and their reason."""
-    if _ticks(settings) == _TICKS:
-        return {
-            "i42": "0",
-            "clock": "the times of the moves have to be those of a Turbo PMAC with I42 = 0, which "
-            "keeps 1/4096 ms: all are multiples of it. With I42 = 1, or another PMAC than a Turbo "
-            "or Power PMAC, export with clock: 1 ms.",
-        }
-    return {
-        "i42": "1",
-        "clock": "the times of the moves are whole milliseconds. A PMAC that is no Turbo has no "
-        "I42 and needs no other setting.",
-    }
-
-
 FORMAT = TableFormat(
     name="pmac-pvt",
     title="Delta Tau and Omron PMAC, PVT motion program",
@@ -270,27 +253,7 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=PmacOptions,
-    guide=Guide(
-        before=(
-            "Define a coordinate system, here &1, with the axes {axes}, scaled to the units below. "
-            "For a table of poses it needs your kinematic programs. Every row is a PVT move: its "
-            "time in ms, then position and velocity at its end. The time unit of the velocities "
-            "has to be the second, and {clock}\n\n"
-            "    I5190=1000\n"
-            "    I42={i42}"
-        ),
-        load=(
-            "Download the file: it opens program 10. A Power PMAC takes it without CLEAR and with "
-            "Coord[1].FeedTime=1000 instead of the settings above."
-        ),
-        run=(
-            "Move the axes to the start one by one, wait until they are in position, and run the "
-            "program:\n\n"
-            "    &1 B10 R\n\n"
-            "`&1 A` aborts it. With repeat: controller the program repeats the period in a loop "
-            "and counts in Q100 of the coordinate system, which has to be free."
-        ),
-    ),
+    guide='{% extends "guides/pmac-pvt.txt.j2" %}',
     clock="1/4096 ms (Turbo PMAC, I42 = 0), 1 ms with `clock: 1 ms`",
     capacity="4095.9998 ms of a move; the program's memory",
     executed="a model of the clock and of the polynomials",
@@ -298,10 +261,4 @@ FORMAT = TableFormat(
     axes={"strut": LETTERS, "pose": LETTERS},
     repeats=True,
     written_times=_written_times,
-    guide_values=_clock_values,
-    trigger=(
-        "M{number} is 1 from {on} s to {off} s after the start, else 0: it is assigned (==) when "
-        "the move at that time begins. Let M{number} point to a digital output, as the suggested "
-        "definitions of M1 to M8 do, and connect that to what records."
-    ),
 )

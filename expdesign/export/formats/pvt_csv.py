@@ -12,7 +12,6 @@ import numpy as np
 from constraints.arrays import Array
 from expdesign.configuration.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import (
-    Guide,
     Interpolation,
     Rows,
     Settings,
@@ -21,8 +20,6 @@ from expdesign.export.definition import (
     round_to_clock,
 )
 from expdesign.export.repetition import (
-    LEAD_IN,
-    LEAD_OUT,
     collect,
     lead_files,
     read_looped,
@@ -91,15 +88,6 @@ class PvtCsvOptions(ExportSection):
     shared = ("digits", "units", "axes", *STRUT_AXES, "repeat")
 
 
-def _points(settings: Settings) -> dict[str, str]:
-    """Return the expression for all points."""
-    if not settings.section.looped:
-        return {"points": "read('{file}')"}
-    periods = f"{settings.task.motion.periods} * read('{{file}}')"
-    files = (f"read('{{stem}}{name}.csv')" for name in (LEAD_IN, LEAD_OUT))
-    return {"points": f" + {periods} + ".join(files)}
-
-
 FORMAT = TableFormat(
     name="pvt-csv",
     title="PVT points as CSV (Zaber's grammar)",
@@ -108,31 +96,7 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=PvtCsvOptions,
-    guide=Guide(
-        before=(
-            "For controllers that take position, velocity and time, here in Zaber's grammar and "
-            "with Zaber's Python library (pip install zaber-motion). Positions are absolute, times "
-            "count from the row before, velocities are those at the row. Home the axes {axes}."
-        ),
-        load=(
-            "    from zaber_motion.ascii import PvtSequence\n"
-            "    def read(file):\n"
-            "        return PvtSequence.load_sequence_data(file).sequence_data\n"
-            "    start, *points = {points}"
-        ),
-        run=(
-            "The first row, at time 0, is the start. Move the axes there, one by one and slowly, "
-            "and let them come to rest; then submit the others. `device` is the controller of the "
-            "six axes.\n\n"
-            "    for k, place in enumerate(start.positions, start=1):\n"
-            "        device.get_axis(k).move_absolute(place.value, place.unit)\n"
-            "    sequence = device.pvt.get_sequence(1)\n"
-            "    sequence.setup_live(1, 2, 3, 4, 5, 6)\n"
-            "    sequence.submit_sequence_data(points)\n"
-            "    sequence.wait_until_idle()\n\n"
-            "`device.all_axes.stop()` stops the axes."
-        ),
-    ),
+    guide='{% extends "guides/pvt-csv.txt.j2" %}',
     clock="1 ns in the file; the controller's is not known",
     capacity="points are queued as they are executed",
     executed="Zaber's `PvtSequence` reads it; a model of the polynomials",
@@ -140,6 +104,5 @@ FORMAT = TableFormat(
     digits=8,
     repeats=True,
     companions=lead_files(".csv", _lead),
-    guide_values=_points,
     written_times=partial(round_to_clock, ticks=10**_TIME_DIGITS),
 )

@@ -26,7 +26,6 @@ from expdesign.configuration.errors import refusal
 from expdesign.configuration.export import STRUT_AXES, ExportSection
 from expdesign.export.definition import (
     POSE_AXES,
-    Guide,
     Interpolation,
     Rows,
     Settings,
@@ -352,24 +351,6 @@ def _client(_rows: Rows, settings: Settings) -> list[str]:
     return template.render(client=client, type=kind, topic=TOPICS[kind]).splitlines()
 
 
-def _guide_values(settings: Settings) -> dict[str, str]:
-    """Return the topic and the commands for a YAML file or a bag."""
-    topic = TOPICS[message_type(settings)]
-    if settings.section.binary_suffix:
-        return {
-            "topic": topic,
-            "load": "The file is a bag with one message.\n\n    ros2 bag info -s mcap {file}",
-            "run": "ros2 bag play -s mcap {file}",
-        }
-    return {
-        "topic": topic,
-        "load": "The file is one message, too long for an argument of `ros2 topic pub`; "
-        "{companions} publishes it. It needs nothing but a sourced ROS 2.\n\n"
-        "    python3 {companions} {file} --check",
-        "run": "python3 {companions} {file}",
-    }
-
-
 FORMAT = TableFormat(
     name="ros2",
     title="ROS 2, trajectory_msgs",
@@ -378,24 +359,8 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=Ros2Options,
-    guide=Guide(
-        before=(
-            "Points have position, velocity and acceleration: the controller has to interpolate "
-            "with quintic polynomials. joint_trajectory_controller does, with "
-            "interpolation_method: splines, the default of Humble and later; with none it jumps "
-            "from point to point. Messages have the definitions of Humble and were read with "
-            "rosbags; no running ROS 2 has executed them. For a platform the message contains "
-            "the TCP's position, a quaternion (x, y, z, w), and twists in the base frame. The "
-            "controller has to listen:\n\n"
-            "    ros2 topic info {topic}"
-        ),
-        load="{load}",
-        run="Move the robot to the start with your planner, then publish the message once:\n\n"
-        "    {run}\n\n"
-        "A message without points stops the joints.",
-        record="    ros2 bag record /joint_states /dynamic_joint_states",
-    ),
-    guide_values=_guide_values,
+    guide='{% extends "guides/ros2.txt.j2" %}',
+    guide_values=lambda settings: {"topic": TOPICS[message_type(settings)]},
     clock="1 ns (`time_from_start`); the controller's update rate",
     capacity="4 GiB of a message; a trajectory before 2³¹ s",
     executed="rosbags reads it; a model of the polynomials",

@@ -13,7 +13,6 @@ import numpy as np
 from expdesign.configuration.export import PVT_OPTIONS, ExportSection
 from expdesign.export.definition import (
     POSE_AXES,
-    Guide,
     Interpolation,
     Rows,
     Settings,
@@ -127,42 +126,12 @@ FORMAT = TableFormat(
     write=_write,
     read=_read,
     options=XpsOptions,
-    guide=Guide(
-        before=(
-            "Make one group of the type MultipleAxes, here GROUP, of the axes {axes}, in this "
-            "order. Home it. Displacements in the file are relative to the row before, velocities "
-            "are those at the end of the row."
-        ),
-        load=(
-            "Copy the file into the controller's folder of trajectories (Public/Trajectories), and "
-            "let the controller check it against its own limits:\n\n"
-            "    MultipleAxesPVTVerification (GROUP, {file})"
-        ),
-        run=(
-            "Move the group to the start, since the file is relative, and wait until it has "
-            "settled. Then run the file once:\n\n"
-            "    GroupMoveAbsolute (GROUP, {positions})\n"
-            "    MultipleAxesPVTExecution (GROUP, {file}, 1)\n\n"
-            "`GroupMoveAbort (GROUP)` stops the group. Further executions repeat the whole file, "
-            "from rest to rest: its last velocity has to be 0, so that a period alone cannot be "
-            "repeated."
-        ),
-        record=(
-            "Set the gathering to the event GROUP.PVT.TrajectoryStart, so that its first sample is "
-            "that of the start."
-        ),
-    ),
+    guide='{% extends "guides/xps-pvt.txt.j2" %}',
     clock="10 ns in the file; the controller's is not known",
     capacity="8 positioners",
     digits=8,
     axes={"strut": actuator_names("S"), "pose": POSE_AXES},
     repeats=True,
     written_times=partial(round_to_clock, ticks=10**_TIME_DIGITS),
-    trigger=(
-        "Output {number} of GPIO1 is on from {on} s to {off} s after the start, switched by two "
-        "events in {companions}. Send its lines to the controller before every execution, with "
-        "your group's name for GROUP: an event happens once. Other outputs have other names in it "
-        "(GPIO3.DO), with the output's bit as the mask."
-    ),
     companions={_EVENTS: _events},
 )
