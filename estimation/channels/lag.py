@@ -101,6 +101,13 @@ class LagSearch:
             method="bounded",
             options={"xatol": digits},
         )
+        clear = _CLEARLY_ONE * self.model.least_decrease
+        # A low pass also smooths the noise of the lengths in the columns: a small part of one is
+        # no evidence for it.
+        little = max(clear, _SMALL_PART * (float(slow.fun) - found.excess))
+        late = found.excess < float(slow.fun) - clear
+        if late and self._gain(found) < little / 4:
+            return found
         # The sum of both is known much better than the parts.
         both = minimize(
             lambda at: self.excess(lag * at[0] * (1 - at[1]), lag * at[0] * at[1]),
@@ -113,15 +120,24 @@ class LagSearch:
                 "initial_simplex": [(1.0, 0.3), (1.0, 0.7), (1.1, 0.5)],
             },
         )
-        clear = _CLEARLY_ONE * self.model.least_decrease
-        # A low pass also smooths the noise of the lengths in the columns: a small part of one is
-        # no evidence for it.
-        little = max(clear, _SMALL_PART * (float(slow.fun) - found.excess))
-        if found.excess < min(float(slow.fun) - clear, float(both.fun) + little):
+        if late and found.excess < float(both.fun) + little:
             return found
         total, share = (both.x * (lag, 1.0)).tolist()
         constant = total * share
         return replace(found, delay=total - constant, low_pass=constant, excess=float(both.fun))
+
+    def _gain(self, found: Candidate) -> float:
+        """Return the decrease of the excess by a low pass in place of a share s of a delay.
+
+        Its largest value, if the excess changes by −c s² + k s⁴: the mean lag stays the same.
+        """
+        lag, squares = found.delay, np.array([1 / 16, 1 / 4])
+        rises = [
+            (self.excess(lag * (1 - s), lag * s) - found.excess) / s**2 for s in np.sqrt(squares)
+        ]
+        k = (rises[1] - rises[0]) / (squares[1] - squares[0])
+        c = k * squares[0] - rises[0]
+        return 0.0 if c <= 0 else c**2 / (4 * k) if k > 0 else np.inf
 
 
 def delay_error(model: ChannelModel, found: Candidate) -> float:
