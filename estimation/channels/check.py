@@ -175,18 +175,13 @@ class ChannelCheck:
         if not (self.faults and self.sure):
             return zeros
         places, sentences = zip(*self.faults, strict=True)
-        found = _ASSIGNED.report_failure(
-            f"{'; '.join(sentences)}: that explains the force residuals"
+        keys = join_words(f"`data.{key}: {flow(value)}`" for key, value in self.keys.items())
+        found = _ASSIGNED.fails(
+            f"{'; '.join(sentences)}: that explains the force residuals",
+            where=", ".join(places),
+            advice=f"{keys}, or correct the cables or the home offset",
         )
-        advice = join_words(f"`data.{key}: {flow(value)}`" for key, value in self.keys.items())
-        return (
-            replace(
-                found,
-                contradiction=f"{_ASSIGNED.contradiction} ({', '.join(places)})",
-                advice=f"{advice}, or correct the cables or the home offset",
-            ),
-            *zeros,
-        )
+        return found, *zeros
 
 
 def check_channels(

@@ -44,7 +44,7 @@ from estimation.diagnostics.reliability import (
     changes_in_words,
     common_effect_findings,
     join_recordings,
-    undetected_effects,
+    undetected_effect,
 )
 from estimation.diagnostics.residual_covariance import (
     ResidualCovariance,
@@ -165,9 +165,9 @@ def _undetected(
     errors = ErrorShares(estimate.covariance, np.zeros((len(estimate.values), 0)), ())
     known = list(known_quantities(derived, errors, robot.scales, priors.regrouping))
     rows = dict(zip(derived.names, derived.jacobian[:, priors.free], strict=True))
-    found = undetected_effects(
-        candidates, names, std, {one.quantity: rows[one.quantity] for one in known}
-    )
+    slopes = {one.quantity: rows[one.quantity] for one in known}
+    effects = [undetected_effect(each, names, std, slopes) for each in candidates]
+    found = tuple(sorted(effects, key=lambda effect: -effect.sigmas))
     words = changes_in_words(
         found,
         stds | {one.quantity: one.std for one in known},
@@ -216,9 +216,11 @@ def _linearise(
     own_motion = estimate.estimator == "ml" and not held_out
     estimated = estimate.motions[number] if own_motion else None
     experiment = experiment.for_estimator("ml") if own_motion else experiment
-    known = _with_known_spline(robot, experiment, estimated)
+    motion = None if experiment.fit is None else (estimated or experiment.fit.motion)
+    known = experiment
+    if isinstance(motion, SplineMotion):
+        known, motion = experiment.with_known_motion(robot, motion), None
     coloured = with_empirical_colour(known)
-    motion = None if coloured.fit is None else (estimated or coloured.fit.motion)
     free = priors.free & (np.diag(estimate.covariance) > 0) if held_out else priors.free
     part = linearise(robot, coloured, estimate.values, free, motion)
     effects = CandidateEffects(robot, coloured, motion, estimate.values, part)
@@ -262,16 +264,6 @@ def _joint_systems(
     changed = any(one is not other for one, other in zip(empirical, noises, strict=True))
     systems = build(noises=noises)
     return zip(systems, build(noises=empirical) if changed else systems, strict=True)
-
-
-def _with_known_spline(
-    robot: Robot, experiment: Experiment, estimated: Motion | None
-) -> Experiment:
-    """Return an experiment without a period along its motion, taken as known; others unchanged."""
-    motion = None if experiment.fit is None else (estimated or experiment.fit.motion)
-    if not isinstance(motion, SplineMotion):
-        return experiment
-    return experiment.with_known_motion(robot, motion)
 
 
 def _diagnose_experiment(
@@ -329,7 +321,11 @@ def _diagnose_experiment(
         tests=tests,
         residuals=force_residuals(experiment, part),
         dependence=tuple(dependence(experiment, part)),
-        pitches=tuple(_pitches(attribution)),
+        pitches=tuple(
+            PitchRow(first.strut + 1, *row)
+            for first, last in zip(attribution.first.scans, attribution.last.scans, strict=True)
+            for row in np.stack([first.pitches, first.statistic, last.statistic], axis=1).tolist()
+        ),
         histogram=Histogram.of(noises.samples, noises.normality.forces.std),
         quantiles=Quantiles.of(noises.samples),
         noise=NoiseCovariances(**covariance_fields(experiment.noise)),
@@ -489,10 +485,3 @@ def _whiteness(
 ) -> Whiteness:
     scaled = (residuals * np.sqrt(counts)[:, None])[None]
     return whiteness(scaled, covariance.lagged_covariance, level)
-
-
-def _pitches(attribution: Attribution) -> Iterator[PitchRow]:
-    for first, last in zip(attribution.first.scans, attribution.last.scans, strict=True):
-        numbers = np.stack([first.pitches, first.statistic, last.statistic], axis=1)
-        for row in numbers.tolist():
-            yield PitchRow(first.strut + 1, *row)

@@ -78,21 +78,20 @@ class Assumption:
         """Return the finding of an assumption without a test, and the reason."""
         return Finding(self.text, FindingOutcome.NOT_TESTED, reason, advice, self.serious)
 
-    def report_failure(self, sentence: str) -> Finding:
-        """Return the finding of a failure that was observed without a statistical test."""
-        return Finding(
-            self.text, FindingOutcome.FAILS, sentence, self.advice, self.serious, self.contradiction
-        )
-
     def holds(self, sentence: str, p: float, level: float) -> Finding:
         """Return the finding of a test that rejects the assumption negligibly, or not at all."""
         outcome = FindingOutcome.NEGLIGIBLE if p < level else FindingOutcome.HOLDS
         return Finding(self.text, outcome, sentence, serious=self.serious, p=p, level=level)
 
     def fails(
-        self, sentence: str, p: float, level: float, where: str = "", advice: str = ""
+        self,
+        sentence: str,
+        p: float | None = None,
+        level: float | None = None,
+        where: str = "",
+        advice: str = "",
     ) -> Finding:
-        """Return the finding of a test that rejects the assumption at a place, with its advice."""
+        """Return the finding of a failure at a place; without p it was seen without a test."""
         contradiction = f"{self.contradiction} ({where})" if where else self.contradiction
         advice = advice or self.advice
         return Finding(

@@ -271,8 +271,10 @@ def _deviations(
 
 def _delay(effects: CandidateEffects) -> Candidates:
     """Return the delay of all forces, by its secants."""
-    step = effects.experiment.recording.step
-    seconds = tuple(steps * step for steps in _DELAYS) if effects.shows_delay else ()
+    step, known = effects.experiment.recording.step, effects.experiment.pointwise
+    # A delay that was estimated along a known motion has no columns.
+    shown = known is None or (known.motion is not None and not effects.robot.delay_std)
+    seconds = tuple(steps * step for steps in _DELAYS) if shown else ()
     return _by_constant(effects, (_ALL,), seconds, effects.delay)
 
 

@@ -394,12 +394,6 @@ class CandidateEffects:
             raise ValueError("pointwise kinematics have no Fourier series")
         return self.motion
 
-    @property
-    def shows_delay(self) -> bool:
-        """Whether a delay has columns; one that was estimated along a known motion has none."""
-        known = self.experiment.pointwise
-        return known is None or (known.motion is not None and not self.robot.delay_std)
-
     def gains(self, power: int = 1) -> Signature:
         """Return the columns of six gains, N: predicted force of one actuator each.
 

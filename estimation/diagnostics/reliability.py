@@ -27,7 +27,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from operator import attrgetter
-from types import MappingProxyType
 from typing import Annotated
 
 import numpy as np
@@ -277,32 +276,14 @@ def _is_rival(one: CandidateReliability, best: CandidateReliability) -> bool:
     return one.item.name != best.item.name and one.fit.statistic > least
 
 
-def undetected_effects(
-    candidates: Sequence[CandidateReliability],
-    names: Sequence[str],
-    std: Array,
-    derived: Mapping[str, Array] = MappingProxyType({}),
-) -> tuple[UndetectedEffect, ...]:
-    """Return what every candidate may do undetected, the largest change first.
-
-    Parameters
-    ----------
-    candidates : sequence of CandidateReliability
-        Of all recordings together.
-    names : sequence of str
-        The k estimated parameters.
-    std : (k,)
-        Their standard deviations, SI.
-    derived : mapping of str to (k,)
-        Derivatives of further quantities with respect to them, SI.
-    """
-    effects = [_undetected(each, names, std, derived) for each in candidates]
-    return tuple(sorted(effects, key=lambda effect: -effect.sigmas))
-
-
-def _undetected(
+def undetected_effect(
     own: CandidateReliability, names: Sequence[str], std: Array, derived: Mapping[str, Array]
 ) -> UndetectedEffect:
+    """Return what a candidate may do undetected.
+
+    `names` and `std`, (k,), SI, are those of the estimated parameters, `derived` the derivatives of
+    further quantities with respect to them, (k,).
+    """
     covariance, count = own.fit.covariance, len(names)
     moves = np.concatenate([own.shift, *(row[None] @ own.shift for row in derived.values())])
     every = np.einsum("kq,qr,kr->k", moves, covariance, moves)

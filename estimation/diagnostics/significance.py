@@ -58,16 +58,10 @@ _NEAR_MEAN = 1e-2
 """Distance from the mean, in standard deviations, below which digits cancel."""
 
 
-def _from_one(index: int | None) -> int | None:
-    return None if index is None else index + 1
-
-
-def _from_zero(number: Any) -> Any:
-    return number - 1 if isinstance(number, int) else number
-
-
 Strut = Annotated[
-    int | None, BeforeValidator(_from_zero), PlainSerializer(_from_one, return_type=int | None)
+    int | None,
+    BeforeValidator(lambda number: number - 1 if isinstance(number, int) else number),
+    PlainSerializer(lambda j: None if j is None else j + 1, return_type=int | None),
 ]
 """Index of a strut: from 0 in memory, from 1 in a file; None: all of them."""
 

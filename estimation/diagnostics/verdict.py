@@ -395,14 +395,14 @@ def _motion(tests: RecordingTests, left: str) -> list[Finding]:
         if tests.settled:
             return [skipped]
         sentence = "motion and noise still changed when the iteration ended"
-        return [skipped, _SETTLED.report_failure(sentence)]
+        return [skipped, _SETTLED.fails(sentence)]
     findings = [_size(_MOTION, test, "length", left)]
     if tests.harmonics_left_out:
         sentence = (
             f"the forces show {tests.harmonics_left_out} harmonics of the motion that the lengths "
             "do not show"
         )
-        findings.append(_WHOLE_MOTION.report_failure(sentence))
+        findings.append(_WHOLE_MOTION.fails(sentence))
     return [
         *findings,
         _white(_LENGTHS_WHITE, white, "strut", "length residuals", left),
@@ -491,7 +491,7 @@ def _distribution(tests: _OfNoise) -> Iterator[Finding]:
     if changes:
         counted = all(test.size_weighted for test in done.values() if test.size_over)
         size = _SIZE_WEIGHTED if counted else _SAME_SIZE
-        yield size.report_failure(f"the size of the noise changes: {join_words(changes)}")
+        yield size.fails(f"the size of the noise changes: {join_words(changes)}")
     absent = "no more outlying samples than in normal noise"
     present = f"more outlying samples than in normal noise ({counts})"
     assumption, taken = _NO_OUTLIERS, tests.normality.taken
@@ -544,7 +544,7 @@ def check_convergence(estimate: ParameterEstimate) -> tuple[Finding, ...]:
     """Return a finding on an estimator that did not converge; empty if it did."""
     if estimate.converged:
         return ()
-    return (_CONVERGED.report_failure(f"the estimator ended early: {estimate.status}"),)
+    return (_CONVERGED.fails(f"the estimator ended early: {estimate.status}"),)
 
 
 def check_motion_onset(experiments: Sequence[Experiment]) -> tuple[Finding, ...]:
@@ -553,8 +553,8 @@ def check_motion_onset(experiments: Sequence[Experiment]) -> tuple[Finding, ...]
     for number, experiment in enumerate(experiments, 1):
         begin = experiment.recording.motion_onset
         if begin is not None:
-            finding = replace(
-                _MOVING.report_failure(f"the struts do not move before {begin:.4g} s"),
+            finding = _MOVING.fails(
+                f"the struts do not move before {begin:.4g} s",
                 advice=f"leave the rows before the motion out: `data.start: {begin:.4g} s`",
             )
             found.append(finding.of_experiment(number) if len(experiments) > 1 else finding)

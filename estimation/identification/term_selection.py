@@ -112,10 +112,8 @@ class Selection:
         if not reasons:
             return ()
         words = ", ".join(f"{term} ({reason})" for term, reason in reasons.items())
-        finding = _CAUSES.report_failure(f"not chosen by estimate.select: {words}")
-        return (
-            replace(finding, contradiction=f"{finding.contradiction} ({listed(tuple(reasons))})"),
-        )
+        where = listed(tuple(reasons))
+        return (_CAUSES.fails(f"not chosen by estimate.select: {words}", where=where),)
 
     @property
     def added(self) -> tuple[TermDescription, ...]:
