@@ -25,6 +25,7 @@ from estimation.controlmodel.model import (
     WRITTEN_BY,
     ControlModel,
     Origin,
+    model_functions,
 )
 from estimation.controlmodel.rendering import NUMPY, C, context, render_template
 from estimation.uncertainty.forces import ActuatorForce
@@ -98,7 +99,7 @@ class Block:
 
 def blocks(model: ControlModel) -> tuple[Block, ...]:
     """Return all blocks in their order; the last ones belong to the forward kinematics."""
-    home, functions = model.robot.home, model.functions
+    home, functions = model.robot.home, model_functions(model.robot.terms)
     lengths = model.robot.inverse_kinematics(home)
     torques = Block("torques", "N m", "torque of motor", "output", functions["forces"].inputs)
     return (
@@ -161,7 +162,7 @@ class ModelFormat:
 
 def _c(model: ControlModel, folder: Path) -> ModelFiles:
     filled = context(model, C)
-    files = _c_files(model, filled) | {"Makefile": _text("Makefile.j2", filled)}
+    files = _c_files(model, filled) | {"Makefile": render_template("Makefile.j2", filled)}
     return _self_test_report(model, files, folder)
 
 
@@ -169,8 +170,8 @@ def _simulink(model: ControlModel, folder: Path) -> ModelFiles:
     filled = context(model, C) | _signals(model)
     name = model.prefix
     own = {
-        f"{name}_sfun.c": _text("sfunction.c.j2", filled),
-        f"build_{name}.m": _text("build.m.j2", filled),
+        f"{name}_sfun.c": render_template("sfunction.c.j2", filled),
+        f"build_{name}.m": render_template("build.m.j2", filled),
     }
     made = _self_test_report(model, _c_files(model, filled), folder)
     return replace(made, files={**made.files, **own})
@@ -178,14 +179,14 @@ def _simulink(model: ControlModel, folder: Path) -> ModelFiles:
 
 def _python(model: ControlModel, folder: Path) -> ModelFiles:
     name = f"{model.prefix}.py"
-    files = {name: _text("module.py.j2", context(model, NUMPY))}
+    files = {name: render_template("module.py.j2", context(model, NUMPY))}
     _put(folder, files, model)
     by = f"Python {platform.python_version()}"
     return ModelFiles(files, (run_self_test([sys.executable, name], folder, "double", by),))
 
 
 def _fmu(model: ControlModel, folder: Path) -> ModelFiles:
-    compiler, place = find_compiler(), _binaries()
+    compiler, (place, suffix) = find_compiler(), _binaries()
     if compiler is None:
         raise ComputationError(
             "an FMU holds machine code, and there is no C compiler here: install gcc or clang, or "
@@ -197,13 +198,15 @@ def _fmu(model: ControlModel, folder: Path) -> ModelFiles:
     guid = "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, _digest(sources[f"{name}.c"]))) + "}"
     filled |= {"guid": guid} | _signals(model)
     wrapper = f"{name}_fmu.c"
-    made = _self_test_report(model, sources | {wrapper: _text("fmu.c.j2", filled)}, folder)
-    library = f"{name}{place.suffix}"
+    made = _self_test_report(
+        model, sources | {wrapper: render_template("fmu.c.j2", filled)}, folder
+    )
+    library = f"{name}{suffix}"
     flags = ("-shared", "-fPIC", "-fvisibility=hidden")
     build(compiler, folder, (f"{name}.c", wrapper), library, *flags)
     archive = {
-        "modelDescription.xml": _text("modelDescription.xml.j2", filled),
-        f"binaries/{place.folder}/{library}": (folder / library).read_bytes(),
+        "modelDescription.xml": render_template("modelDescription.xml.j2", filled),
+        f"binaries/{place}/{library}": (folder / library).read_bytes(),
         **{f"sources/{file}": made.files[file] for file in (f"{name}.c", f"{name}.h", wrapper)},
     }
     return replace(made, files={f"{name}.fmu": _zip_files(archive)})
@@ -230,7 +233,7 @@ def _signals(model: ControlModel) -> dict[str, Any]:
 
 def _c_files(model: ControlModel, filled: dict[str, Any]) -> dict[str, bytes]:
     return {
-        f"{model.prefix}{ending}": _text(template, filled)
+        f"{model.prefix}{ending}": render_template(template, filled)
         for ending, template in (
             (".h", "model.h.j2"),
             (".c", "model.c.j2"),
@@ -248,7 +251,9 @@ def _self_test_report(model: ControlModel, files: dict[str, bytes], folder: Path
         return ModelFiles(
             files, untested="there is no C compiler here: neither tested nor measured"
         )
-    sources, by = (f"{model.prefix}.c", f"{model.prefix}_selftest.c"), compiler_name(compiler)
+    sources = f"{model.prefix}.c", f"{model.prefix}_selftest.c"
+    said = _run([compiler, "--version"], Path.cwd()).stdout.splitlines()
+    by = said[0] if said else Path(compiler).name
     tests = []
     for precision, flags in (("double", ()), ("float", ("-DEXPDESIGN_FLOAT",))):
         program = f"selftest-{precision}"
@@ -263,24 +268,15 @@ def _put(folder: Path, files: Mapping[str, bytes], model: ControlModel) -> None:
     VECTORS.write(folder, model.vectors)
 
 
-def _text(template: str, filled: dict[str, Any]) -> bytes:
-    return render_template(template, filled).encode("utf-8")
-
-
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-class _Place(NamedTuple):
-    folder: str
-    suffix: str
-
-
-def _binaries() -> _Place:
-    """Return where FMI 2.0 has the machine code of this machine."""
+def _binaries() -> tuple[str, str]:
+    """Return the folder and the suffix of FMI 2.0 for the machine code of this machine."""
     known = {
-        ("Linux", "x86_64"): _Place("linux64", ".so"),
-        ("Darwin", "x86_64"): _Place("darwin64", ".dylib"),
+        ("Linux", "x86_64"): ("linux64", ".so"),
+        ("Darwin", "x86_64"): ("darwin64", ".dylib"),
     }
     system = (platform.system(), platform.machine())
     if system not in known:
@@ -398,12 +394,6 @@ def run_self_test(command: Sequence[str], folder: Path, precision: str, by: str)
         )
     times = [None] * 3 if time is None else [1e-6 * float(one) for one in time.groups()]
     return SelfTest(precision, by, int(states[1]), float(deviation[1]), *times)
-
-
-def compiler_name(compiler: str) -> str:
-    """Return the first line of a compiler's version text."""
-    said = _run([compiler, "--version"], Path.cwd()).stdout.splitlines()
-    return said[0] if said else Path(compiler).name
 
 
 def _run(command: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:

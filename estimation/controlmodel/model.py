@@ -16,7 +16,7 @@ import numpy as np
 
 from constraints.arrays import Array
 from estimation.uncertainty.forces import ForceUncertainty
-from expdesign.configuration.tolerances import Identification, machine_name
+from expdesign.configuration.tolerances import machine_name
 from expdesign.evaluation.batch import BatchFunction, Graph
 from expdesign.information.identifiable import IDENTIFIABLE
 from expdesign.mechanism.graph import HexapodGraph, hexapod_graph
@@ -73,15 +73,10 @@ class ControlModel:
         name = re.sub(r"\W", "_", machine_name(self.robot.name), flags=re.ASCII)
         return f"{'robot_' if name[0].isdigit() else ''}{name}_model"
 
-    @property
-    def identification(self) -> Identification | None:
-        """How the robot's values are known."""
-        return self.robot.description.description.identification
-
     @cached_property
     def parameter_std(self) -> Array | None:
         """(m,), standard deviations of the parameters; None without an estimate."""
-        if (known := self.identification) is None:
+        if (known := self.robot.description.description.identification) is None:
             return None
         shares = known.covariance_random, known.covariance_systematic
         variances = np.sum([np.diag(np.array(share)) for share in shares], axis=0)
@@ -117,11 +112,6 @@ class ControlModel:
                 "motion as well, or state what is known (`estimate.fixed`, `estimate.prior`)"
             )
         return tuple(found)
-
-    @property
-    def functions(self) -> dict[str, ModelFunction]:
-        """Functions of the model."""
-        return dict(model_functions(self.robot.terms))
 
     @cached_property
     def vectors(self) -> Vectors:

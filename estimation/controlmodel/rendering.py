@@ -20,7 +20,7 @@ import numpy as np
 from jinja2 import Environment, select_autoescape
 
 from constraints.arrays import Array
-from estimation.controlmodel.model import DOUBLE, SINGLE, ControlModel
+from estimation.controlmodel.model import DOUBLE, SINGLE, ControlModel, model_functions
 from estimation.uncertainty.forces import by_actuator
 from expdesign.evaluation.vector_code import LIBRARY, UnknownInstructionError
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
@@ -106,11 +106,6 @@ def robot_constants(model: ControlModel) -> tuple[ModelConstant, ...]:
     )
 
 
-def home(model: ControlModel) -> ModelConstant:
-    """Return the home pose."""
-    return ModelConstant("HOME", "home pose x y z phi theta psi, m and rad", model.robot.home)
-
-
 def _parameters(model: ControlModel) -> Iterator[str]:
     std = model.parameter_std
     for k, parameter in enumerate(parameters_of(model.robot.terms)):
@@ -163,7 +158,7 @@ def context(model: ControlModel, language: Language) -> dict[str, Any]:
     *geometry, own, parameters = groups
     machine = [[place for group in geometry for place in group], own, parameters]
     bodies: dict[str, Body] = {}
-    for name, each in model.functions.items():
+    for name, each in model_functions(model.robot.terms).items():
         inputs = [[f"{key}[{k}]" for k in range(COORDINATES)] for key in each.inputs]
         keys = _OUTPUTS.get(name, (*_LOAD, *_FORCES[1:]) if each.loaded else _FORCES)
         outputs = [list(map(_place(key), range(_size(key)))) for key in keys]
@@ -188,7 +183,7 @@ def context(model: ControlModel, language: Language) -> dict[str, Any]:
         "doubts": [line for one in model.doubts for line in wrap(plain(one), _WIDTH)],
         "width": repr(float(model.width)),
         "constants": [one for one in constants if not read.isdisjoint(one.places)],
-        "home": home(model),
+        "home": ModelConstant("HOME", "home pose x y z phi theta psi, m and rad", model.robot.home),
         "body": bodies,
         "tolerance": {"double": DOUBLE * force, "single": SINGLE * force},
         "vectors": {key: getattr(vectors, key) for key in vectors.__dataclass_fields__},
@@ -196,9 +191,9 @@ def context(model: ControlModel, language: Language) -> dict[str, Any]:
     }
 
 
-def render_template(template: str, filled: dict[str, Any]) -> str:
-    """Return the text of a template."""
-    return _environment().get_template(template).render(filled)
+def render_template(template: str, filled: dict[str, Any]) -> bytes:
+    """Return the text of a template in UTF-8."""
+    return _environment().get_template(template).render(filled).encode("utf-8")
 
 
 def _size(key: str) -> int:
