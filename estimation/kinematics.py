@@ -417,16 +417,11 @@ def pointwise_motion(
     return PointwiseMotion(rows[inner], state[inner])
 
 
-def expected_signs(robot: Robot, motion: Motion, times: Array, spread: Array) -> Array:
-    """Return the expected signs of the terms' rates, (S, s), at times in s.
+def signs_along(robot: Robot, sampled: Samples, spread: Array) -> Array:
+    """Return the expected signs of the terms' rates, (S, s), along a sampled motion.
 
     `spread` is their standard deviation, (S, s), as of `rate_spread`; 0 gives the plain signs.
     """
-    return signs_along(robot, motion.at(times), spread)
-
-
-def signs_along(robot: Robot, sampled: Samples, spread: Array) -> Array:
-    """Return the expected signs along a sampled motion."""
     kernel = sliding_rate_kernel(robot.terms)
     (rates,) = kernel(sampled.state(), robot.geometry_vector)
     return _mean_signs(rates, spread)

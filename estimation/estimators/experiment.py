@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from constraints.arrays import Array, Mask
-from estimation.kinematics import MotionFit, PointwiseMotion, expected_signs, rate_spread
+from estimation.kinematics import MotionFit, PointwiseMotion, rate_spread, signs_along
 from estimation.measurement_model import Motion
 from estimation.measurement_model.motion import NormalEquations
 from estimation.measurement_model.prediction import held_regressor_kernel
@@ -50,7 +50,7 @@ class MotionEstimate:
 
     def signs(self, robot: Robot, times: Array) -> Array:
         """Return the expected friction signs at the force samples, (S, s)."""
-        return expected_signs(robot, self.motion, times, self.spread)
+        return signs_along(robot, self.motion.at(times), self.spread)
 
     def regressors(self, robot: Robot, times: Array) -> Array:
         """Return A at the force samples, (S, 6, m)."""

@@ -19,7 +19,6 @@ from estimation.data.measurement import Measurement
 from estimation.data.sensors import SensorResponse
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.diagnosis_result import Diagnosis, ResidualDiagnosis
-from estimation.diagnostics.finding import Status
 from estimation.diagnostics.noise_result import covariance_fields
 from estimation.diagnostics.reliability import undetected_std
 from estimation.estimators import (
@@ -66,7 +65,7 @@ from expdesign.configuration.tolerances import (
     identified_name,
     machine_name,
 )
-from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
+from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms.actuator_forces import BACK_EMF
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import (
@@ -304,24 +303,14 @@ def _motion(estimation: Estimation, number: int) -> EstimatedMotion:
     experiment, motion = estimation.experiments[number - 1], estimation.best.motions[number - 1]
     recording, robot = experiment.recording, estimation.robot
     along = experiment.for_estimator(estimation.best.estimator).along_motion(motion)
-    length_state = motion.at(recording.lengths.times).state()
+    forces, lengths = recording.forces, recording.lengths
+    modelled = along.regressors(robot, forces.times) @ estimation.best.values
+    followed = robot.inverse_kinematics(motion.poses(lengths.times))
     return EstimatedMotion(
-        recording.forces.times + recording.origin,
-        motion.at(recording.forces.times).state(),
-        *map(
-            recording.lengths.as_recorded,
-            (
-                recording.lengths.values,
-                robot.inverse_kinematics(length_state[:, :COORDINATES]),
-            ),
-        ),
-        *map(
-            recording.forces.as_recorded,
-            (
-                recording.forces.values,
-                along.regressors(robot, recording.forces.times) @ estimation.best.values,
-            ),
-        ),
+        forces.times + recording.origin,
+        motion.at(forces.times).state(),
+        *map(lengths.as_recorded, (lengths.values, followed)),
+        *map(forces.as_recorded, (forces.values, modelled)),
     )
 
 
@@ -337,18 +326,12 @@ def _intervals_note(estimation: Estimation) -> str:
     counted = all(e.noise.forces.lines is not None for e in estimation.experiments)
     noise = f"the noise of forces and lengths, {'as it is' if counted else 'taken for white'}"
     if systematic is None or not systematic.groups:
-        return (
-            f"95 %, with {noise}; they hold for exact geometry and force "
-            f"constants: {_NO_TOLERANCES[bool(toleranced_deviations(estimation.robot))]}"
-        )
+        why = "the robot file gives no tolerances"
+        if toleranced_deviations(estimation.robot):
+            why = "its tolerances are left out (estimate.systematic: none)"
+        return f"95 %, with {noise}; they hold for exact geometry and force constants: {why}"
     verb = "and what is left of" if systematic.with_priors else "and"
     return f"95 %, with {noise}, {verb} the robot's tolerances"
-
-
-_NO_TOLERANCES = {
-    False: "the robot file gives no tolerances",
-    True: "its tolerances are left out (estimate.systematic: none)",
-}
 
 
 def identified_robot(estimation: Estimation, diagnosis: Diagnosis | None) -> RobotDescription:
@@ -563,11 +546,6 @@ def identified_model(
     if systematic is not None and any(one.name not in known for one in systematic.deviations):
         estimate = replace(estimate, systematic=None)
     priors = ParameterPriors.of(robot, EstimateSection(fixed=fixed))
-    return IdentifiedModel(path, estimate, priors, _doubt(result))
-
-
-def _doubt(result: EstimateFile) -> str:
-    verdict = None if result.diagnostics is None else result.diagnostics.verdict
-    if verdict is None or verdict.status is Status.ACCEPTED:
-        return ""
-    return "; ".join(finding.contradiction for finding in verdict.failed if finding.serious)
+    failed = () if result.diagnostics is None else result.diagnostics.verdict.failed
+    doubt = "; ".join(finding.contradiction for finding in failed if finding.serious)
+    return IdentifiedModel(path, estimate, priors, doubt)

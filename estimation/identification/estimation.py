@@ -42,7 +42,7 @@ from estimation.identification.recording import (
     with_residual_noise,
 )
 from estimation.identification.term_selection import Selection
-from estimation.measurement_model import HarmonicMotion, Motion, SplineMotion
+from estimation.measurement_model import HarmonicMotion, SplineMotion
 from estimation.processing import PeriodSource
 from estimation.uncertainty.consistency import ConsistentEstimate, consistent_estimate
 from estimation.uncertainty.intervals import (
@@ -122,16 +122,25 @@ def estimate_parameters(
             ).items()
         }
         bound = _bound(robot, experiments, priors, estimates)
-        wider = _wider(robot, experiments, priors, best_of(estimates), section)
         best = best_of(estimates)
+        wider = _wider(robot, experiments, priors, best, section)
         machine = estimated_machine(robot, best.systematic)
         estimates, priors = _with_true_damping(machine, estimates, priors)
         if machine.chosen:
             # Diagnoses take the machine as estimated, along the estimated motions.
             robot = machine.robot
             recordings = tuple(
-                _prepare_again(configuration, machine, *each)
-                for each in zip(recordings, data, designs, best.motions, strict=True)
+                replace(
+                    prepare_recording(
+                        configuration,
+                        robot,
+                        apply_calibration(configuration, one, plan, machine),
+                        plan,
+                        estimated=motion,
+                    ),
+                    fewest_harmonics=before.fewest_harmonics,
+                )
+                for before, (one, plan), motion in zip(recordings, pairs, best.motions, strict=True)
             )
             experiments = [each.experiment for each in recordings]
             experiments = with_residual_noise(robot, experiments, priors, section.spectrum)
@@ -291,20 +300,6 @@ def add_systematic_uncertainty(
     if priors.prior_estimate is not None:
         found = add_prior_response(found, estimate.influences, priors.prior_estimate)
     return estimate.with_systematic(found)
-
-
-def _prepare_again(
-    configuration: RunConfiguration,
-    machine: PerturbedMachine,
-    before: PreparedRecording,
-    data: Measurement,
-    design: FourierTrajectory | None,
-    motion: Motion,
-) -> PreparedRecording:
-    """Return a recording of a machine as estimated, along its estimated motion."""
-    data = apply_calibration(configuration, data, design, machine)
-    found = prepare_recording(configuration, machine.robot, data, design, estimated=motion)
-    return replace(found, fewest_harmonics=before.fewest_harmonics)
 
 
 def _with_true_damping(
@@ -507,9 +502,10 @@ def _refuse_selection(
 ) -> None:
     """Refuse a selection of terms with a recording that has no period."""
     for measurement, recording in zip(data, recordings, strict=True):
-        if section.select is None:
-            return
-        if recording.experiment.recording.source is PeriodSource.NONE:
+        if (
+            section.select is not None
+            and recording.experiment.recording.source is PeriodSource.NONE
+        ):
             raise UnsuitableDataError(
                 "the selection of terms needs a motion that repeats",
                 file=measurement.file,

@@ -30,7 +30,7 @@ from estimation.identification.periods import (
     choose_omega,
     period_warning,
 )
-from estimation.identification.single_shot import estimate_noise, spline_experiment
+from estimation.identification.single_shot import estimate_noise, fit_spline
 from estimation.kinematics import (
     MotionFit,
     MotionFitError,
@@ -112,7 +112,10 @@ def prepare_recording(
     section = configuration.run.estimate
     recording, noise = folded or fold_measurement(configuration, data, design)
     if recording.source is PeriodSource.NONE:
-        experiment = spline_experiment(robot, recording, noise)
+        known = None if noise.lengths.includes_model_error else noise.lengths
+        fit, lengths = fit_spline(robot, recording, known)
+        noise = replace(noise, lengths=lengths)
+        experiment = Experiment.from_fit(robot, recording, noise, fit).without_lacking_terms(robot)
         if not held_out:
             priors = ParameterPriors.of(robot, section)
             experiment = estimate_noise(robot, experiment, priors, section.spectrum)

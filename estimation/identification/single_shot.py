@@ -21,7 +21,7 @@ from estimation.measurement_model import Motion, SplineMotion
 from estimation.measurement_model.banded import BandedInverse
 from estimation.measurement_model.motion import NormalEquations, root_of_pseudo_inverse
 from estimation.measurement_model.spline import SplineSamples
-from estimation.processing import NoiseEstimate, NoiseModel, PeriodicRecording
+from estimation.processing import NoiseEstimate, PeriodicRecording
 from estimation.processing.autoregression import KNOWN, AutoregressiveFilter, autoregressive_noise
 from estimation.splines import SmoothChannels, fit_splines, instants_of, smooth_channels
 from expdesign.configuration.estimate import SpectrumOrigin
@@ -39,20 +39,6 @@ _DRAWN = 48
 """Random errors of an estimate."""
 _DETERMINED = 1e-10
 """Smallest relevant eigenvalue of the scaled information on the parameters."""
-
-
-def spline_experiment(robot: Robot, recording: PeriodicRecording, noise: NoiseModel) -> Experiment:
-    """Return a recording without a period along its spline; an unknown Δ is that of the fit.
-
-    Raises
-    ------
-    MotionFitError
-        The recording is too short, or no motion has these lengths.
-    """
-    known = None if noise.lengths.includes_model_error else noise.lengths
-    fit, lengths = fit_spline(robot, recording, known)
-    experiment = Experiment.from_fit(robot, recording, replace(noise, lengths=lengths), fit)
-    return experiment.without_lacking_terms(robot)
 
 
 def fit_spline(

@@ -105,7 +105,10 @@ def run_study(
         bench = recipe()
         bound = bench.bound()
     wanted = configuration.run.montecarlo.repetitions
-    kept = None if journal is None else study_journal(journal, configuration, design)
+    kept: Journal[Repetition, int] | None = None
+    if journal is not None:
+        inputs = study_inputs(configuration, design)
+        kept = Journal(journal, inputs, Repetition, attrgetter("number"))
     known = {} if kept is None else kept.done
     done = {number: repetition for number, repetition in known.items() if number <= wanted}
     missing = [number for number in range(1, wanted + 1) if number not in done]
@@ -225,13 +228,6 @@ def study_inputs(configuration: RunConfiguration, design: FourierTrajectory) -> 
     )
     coefficients = " ".join(value.hex() for value in design.vector().tolist())
     return text_hash(sections, coefficients, sorted(package_versions().items()))
-
-
-def study_journal(
-    path: Path, configuration: RunConfiguration, design: FourierTrajectory
-) -> Journal[Repetition, int]:
-    """Return the journal of a study's finished repetitions."""
-    return Journal(path, study_inputs(configuration, design), Repetition, attrgetter("number"))
 
 
 def _repetition(bench: Workbench, _monitor: Monitor, number: int) -> Repetition:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -75,6 +76,7 @@ def validate(configuration: RunConfiguration, saved: IdentifiedModel) -> Validat
             with progress_prefix(f"{motion_name(motion)}, motion {number} of {len(motions)}"):
                 report_progress("measuring" if motion.motion != "file" else "reading")
                 predictions.append(_predict_motion(configuration, machine, saved, number, motion))
+    predicted, rows, forces, residuals, broken = zip(*predictions, strict=True)
     warnings = list(configuration.warnings)
     if saved.doubt:
         warnings.append(
@@ -91,25 +93,14 @@ def validate(configuration: RunConfiguration, saved: IdentifiedModel) -> Validat
         robot=machine.robot.name,
         estimate=str(saved.path),
         estimator=saved.estimate.estimator,
-        accepted=all(prediction.motion.good for prediction in predictions),
-        motions=tuple(prediction.motion for prediction in predictions),
+        accepted=all(motion.good for motion in predicted),
+        motions=predicted,
         seconds=time.perf_counter() - began,
-        warnings=(*warnings, *(text for each in predictions for text in each.warnings)),
-        rows=tuple(row for prediction in predictions for row in prediction.rows),
-        forces=tuple(prediction.forces for prediction in predictions),
-        residuals=tuple(prediction.residuals for prediction in predictions),
+        warnings=(*warnings, *chain(*broken)),
+        rows=tuple(chain(*rows)),
+        forces=forces,
+        residuals=residuals,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Prediction:
-    """The prediction of one motion, with warnings about limits that it breaks."""
-
-    motion: PredictedMotion
-    rows: list[ActuatorRow]
-    forces: PredictedForces
-    residuals: ForceResiduals
-    warnings: list[str]
 
 
 def _predict_motion(
@@ -118,7 +109,8 @@ def _predict_motion(
     saved: IdentifiedModel,
     number: int,
     motion: ValidationMotion,
-) -> _Prediction:
+) -> tuple[PredictedMotion, list[ActuatorRow], PredictedForces, ForceResiduals, list[str]]:
+    """Return the prediction of one motion, with warnings about limits that it breaks."""
     trajectory: FourierTrajectory | None = None
     warnings: list[str] = []
     robot, name = machine.robot, motion_name(motion)
@@ -138,7 +130,7 @@ def _predict_motion(
     verdict = _advise_estimate_first(diagnosis.verdict) if saved.doubt else diagnosis.verdict
     recording = experiment.recording
     shown = experiment.forces, experiment.fitted_regressors @ saved.estimate.values
-    return _Prediction(
+    return (
         PredictedMotion(
             name,
             motion.motion != "file",

@@ -8,10 +8,10 @@ from estimation.data.measurement import Measurement
 from estimation.kinematics import (
     MotionFitError,
     choose_harmonics,
-    expected_signs,
     fit_motion,
     pointwise_motion,
     rate_spread,
+    signs_along,
     start_motion,
 )
 from estimation.measurement_model import HarmonicMotion
@@ -132,20 +132,20 @@ def test_stamped_data_are_not_differentiated_point_by_point():
         pointwise_motion(ROBOT, record)
 
 
-def test_expected_signs_are_the_mean_of_the_signs_of_drawn_motions():
+def test_signs_along_are_the_mean_of_the_signs_of_drawn_motions():
     motion = trajectory()
     record = record_of(motion, length_scale=30)
     fit = fit_motion(ROBOT, record, replace(NOISE, covariance=900 * DELTA), 2)
     times = record.forces.times
     spread = rate_spread(ROBOT, fit.motion, record, fit.covariance)
-    expected = expected_signs(ROBOT, fit.motion, times, spread)
+    expected = signs_along(ROBOT, fit.motion.at(times), spread)
     rng = np.random.default_rng(0)
     factor = np.linalg.cholesky(fit.covariance)
     draws = 200
     total = np.zeros_like(expected)
     for _ in range(draws):
         drawn = fit.motion.add_step(factor @ rng.normal(size=len(factor)))
-        total += expected_signs(ROBOT, drawn, times, np.zeros_like(spread))
+        total += signs_along(ROBOT, drawn.at(times), np.zeros_like(spread))
     doubtful = np.abs(expected) < 0.99
     assert np.count_nonzero(doubtful) > 50
     error = np.sqrt((1 - expected**2) / draws + 1e-4)

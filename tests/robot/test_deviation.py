@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimation.kinematics import expected_signs
+from estimation.kinematics import signs_along
 from estimation.measurement_model import HarmonicMotion
 from expdesign.configuration.tolerances import RobotTolerances
 from expdesign.mechanism.term import STRUT_SPEED, Columns, Constant, Parameter, Term
@@ -225,7 +225,7 @@ def test_columns_of_lacking_terms_are_those_of_the_terms():
     moved = apply_deviations(robot, chosen, np.array([1e-3, 3.0, 0.02, -0.01]))
     assert [one.name for one in chosen] == ["base_joint_2_z", "stribeck_s2", *places[:2]]
     whole, motion = moved.extended, _motion(robot, 3)
-    signs = expected_signs(robot, motion, TIMES, np.zeros((len(TIMES), 18)))
+    signs = signs_along(robot, motion.at(TIMES), np.zeros((len(TIMES), 18)))
     columns = deviation_forces(moved, motion, TIMES, signs, moved.parameters, chosen)
     regressors = predict_forces(whole, motion, TIMES, signs, whole.parameters)[0]
     at = [whole.parameter_names.index(one.partition("_")[2]) for one in ("_s2", "_mu1", "_mu6")]

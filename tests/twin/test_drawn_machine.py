@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from estimation.kinematics import expected_signs
+from estimation.kinematics import signs_along
 from estimation.measurement_model import HarmonicMotion
 from estimation.twin import Twin
 from estimation.twin.machine import draw_machine
@@ -118,7 +118,7 @@ def test_what_is_measured_moves_as_the_columns_of_the_tolerances_say():
     moved = Twin.of(found.configuration.with_section("experiment", follows="platform"), motion())
     robot, times = Robot(configuration({}).robot), plain.grid.times
     along = HarmonicMotion.of(motion())
-    signs = expected_signs(robot, along, times, np.zeros((len(times), 18)))
+    signs = signs_along(robot, along.at(times), np.zeros((len(times), 18)))
     chosen = found.deviations
     assert len(chosen) == 18 + 18 + 6 + 7 + 2 + 1 + 6 + 1
     assert all(
