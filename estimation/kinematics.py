@@ -372,10 +372,8 @@ def pointwise_motion(
 ) -> PointwiseMotion:
     """Return poses by forward kinematics and their differences.
 
-    Parameters
-    ----------
-    cutoff : float, optional
-        Of the zero-phase Butterworth filter (order 4 in both directions), Hz; None: no filter.
+    `cutoff` is that of the zero-phase Butterworth filter (order 4 in both directions), Hz; None: no
+    filter.
 
     Raises
     ------

@@ -409,20 +409,10 @@ class Evidence:
         blocks: Mapping[str, tuple[str, ...]],
         known: Mapping[str, float] = MappingProxyType({}),
     ) -> Self:
-        """Linearise the recordings.
+        """Linearise the recordings at parameters, (m,), SI.
 
-        Parameters
-        ----------
-        robot : Robot
-            With all candidates among its terms.
-        priors : ParameterPriors
-            Priors of all its parameters.
-        values : (m,)
-            Parameters at which the model is linearised, SI.
-        blocks : mapping
-            Names of the parameters of each candidate.
-        known : mapping
-            Estimated deviations that the robot contains already, by name.
+        The robot has all candidates among its terms, with the parameters of `blocks`, and contains
+        the estimated deviations `known` already.
         """
         shares, precision, off = [], np.zeros(0), np.zeros(0)
         coloured = [with_empirical_colour(each.for_estimator("ml")) for each in experiments]

@@ -323,7 +323,6 @@ def lines(
         Of SX, its inputs and outputs dense.
     inputs, outputs : sequence of str sequences
         Names of the elements, column by column.
-    language : Language
     calls : mapping
         Output → call after its last element. CasADi sorts the instructions by the outputs, so that
         those of later outputs follow.

@@ -156,17 +156,10 @@ def attribute(
     *,
     experiments: int = 1,
 ) -> Attribution:
-    """Find the effects in the residuals of one experiment.
+    """Find the effects in the residuals of one experiment, with samples `step` apart, s.
 
-    Parameters
-    ----------
-    families : tuple of Hypothesis
-        Hypotheses, in addition to forces periodic in a strut's length.
-    step : float
-        Time between two samples, s.
-    experiments : int
-        Number of experiments that share the level of the periodic forces; the families state
-        their own levels.
+    The families are tested in addition to forces periodic in a strut's length, whose level so many
+    `experiments` share; the families state their own levels.
     """
     search = Search(system, part, families, step, POSITION_PERIODIC / experiments)
     first = last = search.run_tests(())
@@ -248,15 +241,7 @@ def doubt_effects(
     given: HarmonicLackOfFit,
     lack_given: LackOfFit,
 ) -> Attribution:
-    """Doubt the effects if they do not explain the residuals.
-
-    Parameters
-    ----------
-    without, given : HarmonicLackOfFit
-        Tests without the effects, and given them.
-    lack_given : LackOfFit
-        Test of every actuator, given the effects.
-    """
+    """Doubt the effects if the tests without them, and given them, show unexplained residuals."""
     effects = attribution.effects
     remains = given.failed or bool(np.any(lack_given.failed))
     causes = {(effect.kind, effect.parameter) for effect in effects if not effect.remainder}

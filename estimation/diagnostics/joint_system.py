@@ -312,18 +312,9 @@ def joint_systems(
 ) -> list[JointSystem]:
     """Build the system of every experiment.
 
-    Parameters
-    ----------
-    parts, noises : sequence
-        Linearised experiments and their noise.
-    known : NormalEquations
-        Prior information on the free parameters: the prior of an estimate, or Cov(p̂)⁻¹ without a
-        gradient for held-out data.
-    deviations : sequence of Signature
-        Columns of the deviations with tolerances, the same in all experiments.
-    held_out : bool
-        The parameters were not estimated from these experiments, so that they carry no information
-        on each other's residuals.
+    `known` is the prior information on the free parameters: the prior of an estimate, or Cov(p̂)⁻¹
+    without a gradient for held-out data, which carry no information on each other's residuals.
+    `deviations` are the columns of those with tolerances, the same in all experiments.
     """
     count = len(known.gradient)
     systems = [JointSystem.of(*pair) for pair in zip(parts, noises, strict=True)]

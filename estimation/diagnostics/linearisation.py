@@ -198,14 +198,9 @@ def linearise(
     free: NDArray[np.bool_],
     motion: Motion | None,
 ) -> Linearisation:
-    """Linearise an experiment at parameters and a motion.
+    """Linearise an experiment at parameters, (m,), SI, and a motion; None: the pointwise one.
 
-    Parameters
-    ----------
-    values, free : (m,)
-        Parameters, SI, and flags of those that were estimated.
-    motion : Motion or None
-        None: the pointwise motion of the experiment.
+    `free`, (m,), are those that were estimated.
     """
     recording, times = experiment.recording, experiment.times
     cells = _cells(experiment, times, experiment.counts)

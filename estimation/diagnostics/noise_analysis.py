@@ -128,15 +128,7 @@ def _remove_rounding_noise(channels: Channels, still: Mask) -> Channels:
 
 
 def hum_finding(searches: Mapping[str, HumSearch | None], refused: str = "") -> Finding:
-    """Report the search for a hum.
-
-    Parameters
-    ----------
-    searches : mapping of str to HumSearch
-        Searches in the forces and lengths.
-    refused : str
-        Reason if there was none.
-    """
+    """Report the searches for a hum in forces and lengths; `refused`: why there was none."""
     done = {kind: search for kind, search in searches.items() if search is not None}
     if not done:
         return _NO_HUM.skip(refused or "the samples are not means of equal numbers of samples")

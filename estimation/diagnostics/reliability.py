@@ -145,18 +145,9 @@ def candidate_reliability(
 ) -> tuple[CandidateReliability, ...]:
     """Return the reliability of all candidates in one recording.
 
-    Parameters
-    ----------
-    attribution : Attribution
-        Its candidates and their first tests.
-    system : JointSystem
-        The recording without the deviations `tolerated`, which the tests regard as unknown.
-    influence : Influence
-        Of the recording's errors on the estimate.
-    known : PointwiseMotion, optional
-        The motion, taken as known, if there is no model of it.
-    stated : collection of str
-        Terms whose size is stated as a tolerance, of zero if the machine has none: left out.
+    `system` is that of the recording without the deviations `tolerated`, which the tests regard as
+    unknown; `known` the motion, taken as known, if there is no model of it. Terms whose size is
+    `stated` as a tolerance, of zero if the machine has none, are left out.
     """
     tests = attribution.first
     signature = Signature.concatenate([each.hypothesis.columns for each in tests.families.values()])
@@ -320,15 +311,8 @@ def changes_in_words(
 ) -> str:
     """Compare the changes of wanted quantities by any effect with their standard deviations.
 
-    The words continue the sentence of an accepted estimate and name the worst effect.
-
-    Parameters
-    ----------
-    effects : sequence of UndetectedEffect
-    stds, units : mapping
-        Of parameters and derived quantities, SI.
-    wanted : sequence of str
-        Names of parameters, derived quantities or groups of them; others are left out.
+    The words continue the sentence of an accepted estimate and name the worst effect. `stds` and
+    `units` are those of parameters and derived quantities, SI; `wanted` may name groups of them.
 
     Examples
     --------

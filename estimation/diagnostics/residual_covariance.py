@@ -150,15 +150,9 @@ def refit_lengths(
 ) -> tuple[Array, ResidualCovariance] | None:
     """Refit the motion to the lengths alone, given effects; return residuals and covariance.
 
-    The residuals are (R', 6), m. None if the effects do not change any length, unless `force`.
-
-    Parameters
-    ----------
-    solved : SolvedSystem
-        Includes all effects; first those with tolerances, of prior precisions `tolerated`, 1/std²,
-        (t,).
-    found : Signature
-        The effects found, which follow them.
+    The residuals are (R', 6), m. None if the effects do not change any length, unless `force`. The
+    solved system includes all effects: those with tolerances, of prior precisions `tolerated`,
+    1/std², (t,), then those that were found.
     """
     first = int(np.count_nonzero(part.free))
     motion = first + part.length_columns.shape[2]

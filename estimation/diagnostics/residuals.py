@@ -140,15 +140,7 @@ def lack_of_fit(
     residuals: Array | None = None,
     level: float = LACK_OF_FIT,
 ) -> LackOfFit:
-    """Test the residuals of one experiment.
-
-    Parameters
-    ----------
-    expected : ResidualCovariance
-        Covariance of the residuals.
-    residuals : (R, 6), optional
-        Residuals, N; by default those of the estimate.
-    """
+    """Test the residuals of one experiment, (R, 6), N, by default those of the estimate."""
     if expected.noise.includes_model_error:
         return LackOfFit(
             refused="the noise of the residuals includes the error of the model: "

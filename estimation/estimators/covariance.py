@@ -365,16 +365,8 @@ def systematic_share(
 ) -> SystematicUncertainty | None:
     """Return the effect of the chosen deviations on an estimate.
 
-    None after pointwise kinematics, where the influence of the lengths is unknown.
-
-    Parameters
-    ----------
-    influences : sequence of Influence
-        One per experiment of the estimate.
-    chosen : sequence of EstimatedDeviation
-        At least one. The deviations estimated together with the parameters come first.
-    estimated : bool
-        Whether there are such deviations.
+    None after pointwise kinematics, where the influence of the lengths is unknown. Of the chosen
+    deviations, at least one, those `estimated` together with the parameters come first.
 
     Notes
     -----

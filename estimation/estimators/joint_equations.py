@@ -317,14 +317,7 @@ class PerturbedMachine:
     ) -> NormalEquations:
         """Return the normal equations of the same unknowns from the forces alone.
 
-        Parameters
-        ----------
-        motion, values
-            ξ and p, (m,), at which the model is linearised.
-        free : (m,) of bool
-            Estimated parameters.
-        weights : NoiseEstimate
-            Noise by which the rows are weighted, after its filter.
+        The rows are weighted by a noise, `weights`, after its filter.
         """
         forces, counts = experiment.recording.forces, experiment.row_counts(weights)
 

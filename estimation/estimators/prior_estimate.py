@@ -75,16 +75,8 @@ class PriorEstimate:
         A normal distribution of p with mean m and covariance C gives β the mean T m and the
         covariance T C Tᵀ. The result is stated for the base parameters, with the parameters that
         regroup into them fixed. Parameters that the estimate held count as exact. Constants of
-        terms estimated with p remain unchanged.
-
-        Parameters
-        ----------
-        base : BaseParameters
-            Base parameters of the parameters that are not fixed.
-        names : sequence of str
-            Names of all m parameters.
-        held : (m,)
-            Values of all parameters except the base parameters.
+        terms estimated with p remain unchanged. `names` are those of all m parameters, `held`,
+        (m,), the values of all but the base parameters.
 
         Raises
         ------

@@ -238,12 +238,7 @@ class ParameterPriors:
         """Return the step of the free parameters that maximises gᵀs − ½ sᵀ F s within the bounds.
 
         F, (k, k), and g, (k,), refer to the free parameters, priors included; the step starts at
-        `values`, (m,).
-
-        Raises
-        ------
-        UnidentifiableError
-            F is singular.
+        `values`, (m,). A singular F is refused as by `scale_information`.
         """
         scaled = self.scale_information(information)
         factor = np.asarray(sla.cholesky(scaled.matrix))
@@ -283,12 +278,7 @@ class ParameterPriors:
     ) -> tuple[KnownCombination, ...]:
         """Return the identified combinations of an estimate and the parameters in them.
 
-        Parameters
-        ----------
-        robot : Robot
-            Its scales define which combinations count as identified.
-        values, covariance : (m,), (m, m)
-            Estimate and covariance; zero for parameters that were not estimated.
+        The covariance, (m, m), is zero for parameters that were not estimated.
         """
         own = np.flatnonzero(self.free)
         names = tuple(self.names[k] for k in own)

@@ -83,9 +83,6 @@ def follow_motion(
 
     Parameters
     ----------
-    machine : ForwardDynamics
-    controller : Controller
-    task : TrackingTask
     feedforward : mapping of (T, 6) arrays
         Forces added to the controller's, N, by the names of the C cases.
     start : (12,) array
@@ -183,12 +180,8 @@ class Controller:
     ) -> tuple[Array, Mask, ControllerState]:
         """Return forces (C, 6), N, whether each is at its limit, and the next state.
 
-        The integral is held while a force is at its limit (anti-windup).
-
-        Parameters
-        ----------
-        error, feedforward : (C, 6) array
-            m and N.
+        The integral is held while a force is at its limit (anti-windup). Error and feed-forward
+        are (C, 6), m and N.
         """
         before = error if state.error is None else state.error
         rate = (error - before) / self.step

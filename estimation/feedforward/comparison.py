@@ -61,22 +61,8 @@ def compare_feedforward(
 ) -> FeedforwardResult:
     """Simulate the machine on a motion with each feed-forward of the section `feedforward:`.
 
-    Parameters
-    ----------
-    configuration : RunConfiguration
-    saved : IdentifiedModel
-        The identified model.
-    design : FourierTrajectory or None
-        The designed motion, if it is followed.
-    width : float
-        Width of the smoothed friction, relative to the fastest strut's largest speed.
-
-    Raises
-    ------
-    InputError
-        The motion cannot be executed, or its simulation would be too large.
-    ComputationError
-        The loop is unstable.
+    The designed motion is given if it is followed; `width` is that of the smoothed friction,
+    relative to the fastest strut's largest speed.
     """
     began, section = time.perf_counter(), configuration.run.feedforward
     nominal = robot_from(configuration.robot)
@@ -321,13 +307,6 @@ def true_machine(
     estimate's uncertainty, but not that of the model's errors. Parameters and deviations θ
     (constants of terms, geometry, gains) are drawn jointly: their errors compensate each other in
     the forces.
-
-    Parameters
-    ----------
-    machine : PerturbedMachine
-        With the geometry, constants and gains that were estimated.
-    times : (T,) array
-        s.
 
     Raises
     ------

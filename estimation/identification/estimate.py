@@ -496,14 +496,7 @@ def identified_model(
 ) -> IdentifiedModel:
     """Return the model that an estimator identified, by default the best one.
 
-    Parameters
-    ----------
-    result : EstimateFile
-    path : Path
-        The place of its file, for messages.
-    robot : Robot
-        The robot whose motions are predicted.
-    estimator : str, optional
+    `path` is that of the file, for messages, `robot` the one whose motions are predicted.
 
     Raises
     ------

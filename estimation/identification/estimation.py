@@ -365,13 +365,7 @@ _WORTH_ESTIMATING = 1.2
 
 
 def parameter_priors(configuration: RunConfiguration, robot: Robot) -> ParameterPriors:
-    """Return the priors, bounds and fixed values of the section `estimate:`.
-
-    Raises
-    ------
-    InputError
-        All parameters are fixed.
-    """
+    """Return the priors, bounds and fixed values of `estimate:`; refuse a run that fixes all."""
     priors = ParameterPriors.of(robot, configuration.run.estimate)
     if not np.any(priors.free):
         raise InputError(
@@ -385,13 +379,7 @@ def parameter_priors(configuration: RunConfiguration, robot: Robot) -> Parameter
 def refuse_ml_without_fit(
     configuration: RunConfiguration, estimators: Sequence[str], section: str
 ) -> None:
-    """Refuse maximum likelihood without a Fourier series of the motion.
-
-    Raises
-    ------
-    InputError
-        The estimators of the section, ``"estimate"`` or ``"montecarlo"``, include it.
-    """
+    """Refuse maximum likelihood without a motion among the estimators of a section of the run."""
     differentiation = configuration.run.estimate.differentiation
     if "ml" in estimators and configuration.run.estimate.pointwise:
         raise InputError(

@@ -92,12 +92,8 @@ def with_raised_harmonics(
     """Return the experiment with the harmonics that the estimated machine raises.
 
     A machine that passes near a singular pose raises more than the tolerances do on average. The
-    experiment is returned unchanged if its motion has all of them.
-
-    Parameters
-    ----------
-    values, machine, motion
-        An estimate: the parameters, (m,), the machine with its deviations, and its motion.
+    experiment is returned unchanged if its motion has all of them. The estimate is given by its
+    parameters, (m,), the machine with its deviations, and its motion.
     """
     linear, recording, noise = experiment.linear_motion, experiment.recording, experiment.noise
     if linear is None or not isinstance(motion, HarmonicMotion):

@@ -228,14 +228,8 @@ def clock_error(
 
     With a frequency error of the share ε the periods are shifted against each other: at time t the
     lengths are l(t) + ε t l̇(t). The part that grows from period to period remains in the residuals
-    of a fitted motion; its slope is ε.
-
-    Parameters
-    ----------
-    motion : HarmonicMotion
-        Fitted with the frequency in question.
-    covariance : (6, 6)
-        Δ of one sample, m².
+    of a fitted motion; its slope is ε. The motion was fitted with the frequency in question; the
+    covariance is Δ of one sample, (6, 6), m².
 
     Notes
     -----
@@ -292,14 +286,8 @@ def fold_noise_recording(
 ) -> PeriodicRecording:
     """Fold a recording whose noise is analysed: by the period of the design, the run or the data.
 
-    A recording at rest is divided into equal parts.
-
-    Parameters
-    ----------
-    design : FourierTrajectory or None
-        The motion that may have been executed.
-    certain : bool
-        The design was executed: another period is an error.
+    A recording at rest is divided into equal parts. If it is `certain` that the design was
+    executed, another period is an error.
 
     Raises
     ------

@@ -167,11 +167,6 @@ def fold_measurement(
     """Fold a recording into periods, and choose the noise of its channels.
 
     A recording without a period remains as it is, if the run's settings do not need one.
-
-    Raises
-    ------
-    InputError
-        The recording has no period, or less than one, or a channel is dead.
     """
     recording = fold_periods(configuration, data, design)
     noise = choose_noise(configuration, recording, data.file)
@@ -546,11 +541,6 @@ def linearise_at_load(
     """Return the robot with its friction at the estimated load, and the experiments with its A.
 
     Without a term that depends on the load both are returned unchanged.
-
-    Raises
-    ------
-    UnidentifiableError
-        The data do not determine some parameters at all.
     """
     present = tuple(experiments)
     if not robot.extended.graph.loaded:

@@ -146,13 +146,6 @@ class Selection:
         If a chosen term has constants to be estimated, these are estimated with the chosen terms,
         and the selection is repeated: other terms imitate the error of a wrong constant. `robot` is
         that of the run, with whose kinematics the motions were fitted.
-
-        Raises
-        ------
-        InputError
-            The recordings leave no data to predict, or no parameter of a candidate is estimated.
-        UnidentifiableError
-            The recordings do not determine the parameters of the robot's own terms.
         """
         section = configuration.run.estimate.select
         if section is None:

@@ -255,13 +255,7 @@ class Workbench:
 
     @classmethod
     def of(cls, configuration: RunConfiguration, design: FourierTrajectory) -> Workbench:
-        """Build it.
-
-        Raises
-        ------
-        InputError
-            The run cannot be simulated, or fixes every parameter.
-        """
+        """Build it; exceptions as of `run_study`."""
         twin = Twin.of(configuration, design, configuration.run.montecarlo.seed)
         if twin.back_emf is not None:
             configuration = add_back_emf(configuration, twin.back_emf)
@@ -297,11 +291,6 @@ class Workbench:
         the experiment. Priors count as data. The model is that of the run's robot, for any measured
         machine. Coloured noise counts line by line if a period is a whole number of samples,
         otherwise as white.
-
-        Raises
-        ------
-        UnidentifiableError
-            The experiment does not determine every free parameter.
         """
         twin, truth = self.twin, self.twin.truth
         free_frequency = self.configuration.run.estimate.frequency == "estimated"

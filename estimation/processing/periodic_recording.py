@@ -314,16 +314,10 @@ def fold_recording(
     average: bool = True,
     robust: bool = False,
 ) -> PeriodicRecording:
-    """Fold a recording into periods, for the estimators.
+    """Fold a recording into periods with ω in rad/s, for the estimators.
 
-    Parameters
-    ----------
-    omega : float
-        rad/s.
-    average : bool
-        Average over the periods if they are a whole number of samples.
-    robust : bool
-        Reduce the weight of outliers (Huber).
+    It is averaged over the periods if these are a whole number of samples. A `robust` mean reduces
+    the weight of outliers (Huber).
 
     Raises
     ------

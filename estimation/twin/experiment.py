@@ -369,13 +369,7 @@ class TableMotion:
     executed: FourierTrajectory
 
     def sample(self, times: Array) -> PoseSamples:
-        """Return pose, rate and acceleration at times in the window, s.
-
-        Raises
-        ------
-        ForwardKinematicsError
-            No pose has the lengths of the struts.
-        """
+        """Return pose, rate and acceleration at times in the window, s."""
         states = self.file.smoothed(np.asarray(times, dtype=float)).states
         if self.executed is self.design:
             return states
@@ -384,13 +378,7 @@ class TableMotion:
 
 
 def refuse_short_window(table: TableFile, periods: int, configuration_file: Path | None) -> None:
-    """Refuse an experiment longer than the table.
-
-    Raises
-    ------
-    InputError
-        The window has fewer periods than the experiment, or the rows end inside it.
-    """
+    """Refuse an experiment with more periods than the table, or a table that ends in its window."""
     if periods > table.periods:
         raise InputError(
             f"{periods} periods are to be measured, and the table has {table.periods}",
