@@ -144,18 +144,19 @@ def round_digits(value: float, digits: int = 12) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def format_flow(value: Any, unit: str) -> str:
+def format_flow(value: Any, unit: str | Mapping[str, str]) -> str:
     """Format numbers, or lists and mappings of them, as one line of YAML.
 
-    >>> format_flow([0.1, 0.2], "m")
-    '[100 mm, 200 mm]'
+    `unit` is that of all numbers, or those by key, 1 for other keys.
+
+    >>> format_flow([0.1, 0.2], "m"), format_flow({"mass": 2.0, "ratio": 3.0}, {"mass": "kg"})
+    ('[100 mm, 200 mm]', '{mass: 2 kg, ratio: 3}')
     """
     if isinstance(value, Mapping):
-        return (
-            "{"
-            + ", ".join(f"{key}: {format_flow(item, unit)}" for key, item in value.items())
-            + "}"
-        )
+        units = {key: unit if isinstance(unit, str) else unit.get(key, "1") for key in value}
+        entries = (f"{key}: {format_flow(item, units[key])}" for key, item in value.items())
+        return f"{{{', '.join(entries)}}}"
+    one = unit if isinstance(unit, str) else "1"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(format_flow(item, unit) for item in value) + "]"
-    return value if isinstance(value, str) else format_quantity(value, unit)
+        return f"[{', '.join(format_flow(item, one) for item in value)}]"
+    return value if isinstance(value, str) else format_quantity(value, one)

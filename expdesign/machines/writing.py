@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import tempfile
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from constraints import limit_definitions
 from expdesign.configuration import InputError, load_run, quantity_text
 from expdesign.configuration.bodies import BodyDescription
 from expdesign.configuration.geometry import JointRing
 from expdesign.configuration.limits import CHARACTERISTIC_LENGTH
-from expdesign.configuration.parameters import Drive, chosen_terms, default_terms
+from expdesign.configuration.parameters import chosen_terms, default_terms
 from expdesign.configuration.run import yaml_lines
 from expdesign.machines.assumed import MASS, Complete, complete_machine
 from expdesign.machines.machine import MachineDraft, Points, format_flow, format_quantity
@@ -26,6 +25,14 @@ from expdesign.templates import text_templates
 
 _HOME_UNITS = ("m", "m", "m", "rad", "rad", "rad")
 _WIDTH = 100
+_UNITS: dict[str, dict[str, str]] = {
+    "ring": {"radius": "m", "half_angle": "rad", "rotation": "rad", "z": "m"},
+    "drive": {"lead": "m", "inertia": "kg m^2"},
+    "body": {"mass": "kg", "centre": "m"},
+    "tolerances": dict.fromkeys(("base_joints", "platform_joints", "strut_length"), "m")
+    | {"gravity": "rad", "delay": "s"},
+}
+"""Units of numbers by their keys, other than 1."""
 
 
 @dataclass(frozen=True)
@@ -91,17 +98,16 @@ def robot_file(complete: Complete) -> str:
     if not assumed.isdisjoint(_parameters(complete)):
         assumed.add("parameters")
     keys = {key.partition(".")[0] for key in assumed}
-    asked = {key: [QUESTIONS[key]] for key in keys if QUESTIONS.get(key)}
+    asked = dict[str, list[str]]()
     for question in machine.questions:
         key = question.key.removeprefix("limits.").removeprefix("noise.")
         asked.setdefault(key, []).append(question.text)
-    shown: set[str] = set()
     lengths = complete.lengths
     ends = [quantity_text(1e3 * float(end), "mm", 4) for end in (min(lengths), max(lengths))]
 
-    def questions(key: str, indent: int = 0) -> str:
-        shown.add(key)
-        return "".join(_question(text, indent) for text in asked.get(key, ()))
+    def questions(key: str, about_assumed: str = "", indent: int = 0) -> str:
+        texts = [about_assumed] * (key in keys) + asked.pop(key, [])
+        return "".join(_question(text, indent) for text in texts if text)
 
     text = (
         text_templates("expdesign.machines")
@@ -118,8 +124,8 @@ def robot_file(complete: Complete) -> str:
             lengths=ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}",
             joints=partial(_joints, complete),
             directions=lambda key: _rows(key, getattr(machine, key), "1"),
-            drive=_drive(machine.drive),
-            tolerances=_tolerances(machine.tolerances),
+            kind="screw" if machine.drive and machine.drive.screw else "gear",
+            units=_UNITS,
             mass=quantity_text(machine.moved_mass or 0.0, "kg"),
             bodies=list(_body_lines(complete)),
             parameters=list(_parameter_lines(complete)),
@@ -134,7 +140,7 @@ def robot_file(complete: Complete) -> str:
             ],
         )
     )
-    left = [f"{key}: {one}" for key in asked if key not in shown for one in asked[key]]
+    left = [f"{key}: {one}" for key, texts in asked.items() for one in texts]
     return text + "".join(["\n"] * bool(left) + [_question(one, 0) for one in left])
 
 
@@ -169,49 +175,13 @@ def _assumed_part(key: str, complete: Complete) -> str:
     return f"; {', '.join(sorted(parts))} assumed" if parts else ""
 
 
-def _drive(drive: Drive | None) -> str:
-    """Return the line of the drive: a comment for an unknown one."""
-    if drive is None:
-        return (
-            "# drive: {screw: {lead: 5 mm, inertia: 6.3e-5}} # or gear; direct, where none is given"
-        )
-    kind = "screw" if drive.screw is not None else "gear"
-    if (geared := drive.geared) is None:
-        return "drive: direct"
-    units = {"lead": "m", "inertia": "kg m^2"}
-    entries = [
-        f"{key}: {format_quantity(value, units[key]) if key in units else value}"
-        for key, value in geared.model_dump(exclude_defaults=True).items()
-    ]
-    return f"drive: {{{kind}: {{{', '.join(entries)}}}}}"
-
-
-def _tolerances(tolerances: Mapping[str, Any]) -> str:
-    """Return the line of the tolerances: a comment for unknown ones."""
-    if not tolerances:
-        return (
-            "# tolerances: {base_joints: 0.3 mm, strut_length: 0.1 mm, force_constant: "
-            "{common: 2 %, each: 1 %},\n#   gravity: 0.1 deg, delay: 0.1 ms}"
-        )
-    units = {"force_constant": "1", "gravity": "rad", "delay": "s"}
-    entries = [
-        f"{key}: {format_flow(value, units.get(key, 'm'))}" for key, value in tolerances.items()
-    ]
-    return f"tolerances: {{{', '.join(entries)}}}"
-
-
 def _joints(complete: Complete, key: str) -> str:
     """Return the lines of joints: a circle, or six points."""
     joints = getattr(complete.machine, key)
     if not isinstance(joints, JointRing):
         return _rows(key, joints, "m", assumed=key in complete.assumed)
-    units = {"radius": "m", "half_angle": "rad", "rotation": "rad", "z": "m"}
-    given = joints.model_dump(exclude_defaults=True).items()
-    entries = (
-        f"{name}: {format_quantity(v, units[name]) if name in units else v}" for name, v in given
-    )
     mark = " # assumed" if key in complete.assumed else ""
-    return f"{key}: {{{', '.join(entries)}}}{mark}"
+    return f"{key}: {format_flow(joints.model_dump(exclude_defaults=True), _UNITS['ring'])}{mark}"
 
 
 def _rows(key: str, rows: Points, unit: str, *, assumed: bool = False) -> str:
@@ -237,12 +207,9 @@ def _body_lines(complete: Complete) -> Iterator[str]:
 
 def _body(body: BodyDescription) -> str:
     moments = body.inertia if any(body.inertia[3:]) else body.inertia[:3]
-    entries = [
-        f"mass: {format_quantity(body.mass, 'kg')}",
-        *([f"centre: {format_flow(body.centre, 'm')}"] if any(body.centre) else []),
-        *([f"inertia: {format_flow(moments, '1')}"] if any(moments) else []),
-    ]
-    return f"{{{', '.join(entries)}}}"
+    parts = {"centre": body.centre, "inertia": moments}
+    stated = {key: values for key, values in parts.items() if any(values)}
+    return format_flow({"mass": body.mass} | stated, _UNITS["body"])
 
 
 def _parameter_lines(complete: Complete) -> Iterator[str]:
@@ -260,42 +227,3 @@ def _parameter_lines(complete: Complete) -> Iterator[str]:
 
 INERTIA = "Which inertia have motor, coupling and screw about their axis, inertia: 6.3e-5 [kg m^2]?"
 """Question about a screw or gear."""
-QUESTIONS = {
-    "home": "How high is the TCP over the base's origin at home, and how does the platform stand "
-    "there? Drawing, or the controller's kinematic parameters. A platform that hangs has z < 0.",
-    "base_joints": "Where are the six joints at the base? Drawing or calibration sheet.",
-    "platform_joints": "Where are the six joints at the platform, from the TCP? A tool on the "
-    "platform moves the TCP, and with it all of them.",
-    "alpha_axes": "How are the universal joints mounted in the base?",
-    "drive": "What moves the struts: direct drives, screws or gears, of which lead and inertia?",
-    "moved_mass": "What is the mass of the platform with everything that it carries?",
-    "bodies": "What are masses, centres and inertias in the CAD model? Where marked assumed, the "
-    "bodies are a disc through the platform's joints, and in each strut two rods of 8 % and 4 % of "
-    "its mass and a ring.",
-    "parameters": "How much friction do drives and joints have? Where marked assumed, it is dry "
-    "friction of 5 % of the weight, and as much viscous friction at full speed.",
-    "force_std": "How noisy is the measured force of each strut, or motor current times force "
-    "constant? Record some seconds at rest: `expdesign noise` computes these lines from it.",
-    "tolerances": "How exactly are the joints' coordinates, the zeros of the length measurements, "
-    "the force constants (2 to 10 % in data sheets, common or of each), the vertical and the delay "
-    "of the forces known? Calibration sheet, data sheet, spirit level.",
-    "length_std": "How noisy is the measured length of each strut? Resolution of the encoder.",
-    "strut_length": "Between which lengths may each strut move, from joint to joint? Stroke of the "
-    "drive, less the distance to its switches.",
-    "strut_speed": "How fast may a strut move? Data sheet of the drive, or the controller's limit.",
-    "strut_acceleration": "How fast may a strut accelerate? The controller's limit.",
-    "actuator_force": "Which force can a drive hold continuously? "
-    "Continuous force or current of its data sheet; behind a screw 2 pi torque / lead.",
-    "position": "Where may the TCP go without touching anything?",
-    "rotation": "How far may the platform rotate about each axis? Mind cables and hoses.",
-    "tilt": "How far may the platform lean?",
-    "alpha": "How far do the universal joints turn about their first axes? Zero at home.",
-    "beta": "How far do the universal joints turn about their second axes?",
-    "platform_joint_angle": "How far do the joints at the platform bend from their direction at "
-    "home? Data sheet of the joints.",
-    "jacobian_condition": "How close to a singular pose may it come?",
-    "strut_clearance": "How thick are the struts? Their diameter and some reserve: it is the "
-    "distance of their axes.",
-    CHARACTERISTIC_LENGTH: "",
-}
-"""Questions by key of the robot file; limits and noise by the key inside their section."""
