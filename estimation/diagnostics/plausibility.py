@@ -109,16 +109,18 @@ def plausibility(robot: Robot, priors: ParameterPriors, estimate: ParameterEstim
     doubts = [test for test in tests if test.p < _LEVEL]
     expected = np.array(robot.parameters)
     inertial = np.array([parameter.unit in _INERTIAL_UNITS for parameter in parameters])
-    torque = robot.description.drive.torque_per_force
-    scale = ForceScale.of(values, std, expected, judged & inertial, torque)
+    scale = ForceScale.of(values, std, expected, judged & inertial)
     smallest = min((test.p for test in tests), default=1.0)
     if scale is not None and (doubts or scale.p < _LEVEL):
+        about = f"about {scale.factor:.2g}"
+        seen = f"the inertial parameters are {about} times the expected ones"
+        pairs = zip(parameters, scale.alike, strict=True)
         finding = FORCE_SCALE.fails(
-            f"{scale.sentence}{''.join(f'; {doubt.sentence}' for doubt in doubts[:_MOST_SHOWN])}",
+            "; ".join([seen, *(doubt.sentence for doubt in doubts[:_MOST_SHOWN])]),
             min(smallest, scale.p),
             _LEVEL,
-            scale.where(tuple(parameter.name for parameter in parameters)),
-            scale.advice,
+            f"{about}: {join_words(parameter.name for parameter, alike in pairs if alike)}",
+            advise_on_scale(scale.factor, robot.description.drive.torque_per_force, far=scale.far),
         )
         # Another machine of the kind may have all bodies heavier, unless its forces are known.
         deviations = () if estimate.systematic is None else estimate.systematic.deviations
@@ -270,17 +272,10 @@ class ForceScale:
     """(m,), parameters that differ by this factor."""
     p: float
     """p of the difference under noise, for the least certain of these."""
-    torque_per_force: float | None = None
-    """Torque at the motor per force of an actuator, N m/N; None without a gear."""
 
     @classmethod
     def of(
-        cls,
-        values: Array,
-        std: Array,
-        expected: Array,
-        judged: NDArray[np.bool_],
-        torque_per_force: float | None = None,
+        cls, values: Array, std: Array, expected: Array, judged: NDArray[np.bool_]
     ) -> Self | None:
         """Find the common factor of most precise parameters, (m,) each; None if there is none.
 
@@ -300,22 +295,7 @@ class ForceScale:
             return None
         gaps = np.abs(values - expected)[alike] / std[alike]
         p = float(scipy.stats.norm.sf(np.min(gaps)))
-        return cls(factor, far, alike, p, torque_per_force)
-
-    def where(self, names: tuple[str, ...]) -> str:
-        """Return the factor and the names of the parameters in words."""
-        alike = join_words(name for name, one in zip(names, self.alike, strict=True) if one)
-        return f"about {self.factor:.2g}: {alike}"
-
-    @property
-    def sentence(self) -> str:
-        """Observation in one sentence."""
-        return f"the inertial parameters are about {self.factor:.2g} times the expected ones"
-
-    @property
-    def advice(self) -> str:
-        """Probable causes, with the keys to change."""
-        return advise_on_scale(self.factor, self.torque_per_force, far=self.far)
+        return cls(factor, far, alike, p)
 
 
 def is_far(factor: float) -> bool:

@@ -20,11 +20,11 @@ from scipy import sparse
 from constraints.arrays import Array, ComplexArray
 from estimation.measurement_model.banded import BandedInverse, Matrix, dense
 from estimation.measurement_model.spline import (
-    Filter,
     MotionCovariance,
     SplineMotion,
     SplineSamples,
 )
+from estimation.processing.spectrum import WhiteningFilter
 from expdesign.information.fisher import ScaledInformation, whitening
 from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.trajectory import FourierTrajectory, PhaseBasis
@@ -257,7 +257,7 @@ class MotionColumns:
         return self.others @ steps[:own] + self.sampled.apply_steps(self.slope, steps[own:])
 
     def products(
-        self, residuals: Array, weights: Array, whitening_filter: Filter | None = None
+        self, residuals: Array, weights: Array, whitening_filter: WhiteningFilter | None = None
     ) -> Matrix:
         """Return (r, U)ᵀ W (r, U), (1 + k + x, 1 + k + x), with residuals r, (S, 6).
 
@@ -308,7 +308,7 @@ Rows = tuple[Array, Array | MotionColumns, Array]
 """Residuals (S, 6), columns (S, 6, u), explicit or not, and counts (S,)."""
 
 
-def filter_rows(parts: Iterable[Rows], whitening_filter: Filter) -> Rows:
+def filter_rows(parts: Iterable[Rows], whitening_filter: WhiteningFilter) -> Rows:
     """Concatenate and filter parts with equal counts."""
     written = (
         (rest, columns.dense() if isinstance(columns, MotionColumns) else columns, counts)
@@ -358,7 +358,10 @@ class NormalEquations:
 
     @classmethod
     def of(
-        cls, parts: Iterable[Rows], covariance: Array, whitening_filter: Filter | None = None
+        cls,
+        parts: Iterable[Rows],
+        covariance: Array,
+        whitening_filter: WhiteningFilter | None = None,
     ) -> NormalEquations:
         """Sum over the rows of one kind of channel, part by part (at least one).
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from scipy.interpolate import BSpline, PPoly
 
 from constraints.arrays import Array
 from estimation.measurement_model.banded import BandedInverse, Matrix
+from estimation.processing.spectrum import WhiteningFilter
 from expdesign.mechanism.hexapod import COORDINATES
 
 MotionCovariance = Array | BandedInverse
@@ -29,26 +29,6 @@ _ORDERS = 4
 """λ and three derivatives."""
 _BLOCK = 128
 """Fewest samples of a block."""
-
-
-class Filter(Protocol):
-    """Filters series of a recording, (N, 6, …)."""
-
-    @property
-    def lag(self) -> int | None:
-        """Samples before a sample that its filtered value depends on; None: all of a period."""
-
-    def __call__(self, values: Array) -> Array:
-        """Return the filtered series."""
-
-    def adjoint(self, values: Array) -> Array:
-        """Return Fᵀ y for the filter F."""
-
-    def rows(self, values: Array) -> Array:
-        """Return rows, (R, 6, …), with the inner products of the filtered series."""
-
-    def block(self, values: Array, rows: slice, before: int) -> Array:
-        """Return filtered rows, (n, 6, …), from values with `before` more rows, up to `lag`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +157,7 @@ class SplineSamples:
         dense: Array,
         slope: Array,
         weights: Array,
-        whitening_filter: Filter | None = None,
+        whitening_filter: WhiteningFilter | None = None,
     ) -> Matrix:
         """Return UᵀWU of the filtered columns U: dense ones, (S, 6, u), then those of ξ.
 

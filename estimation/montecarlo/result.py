@@ -68,39 +68,6 @@ class Repetition:
 
 
 @dataclass(frozen=True)
-class ParameterStatistics:
-    """One parameter of one estimator over all repetitions, SI."""
-
-    bias: Annotated[OpenNumber, described("see unit", "mean error")]
-    bias_std_error: Annotated[OpenNumber, described("see unit", "standard error of the bias")]
-    bias_t: Annotated[OpenNumber, described("1", "bias in standard errors")]
-    spread: Annotated[OpenNumber, described("see unit", "standard deviation of the estimates")]
-    rmse: Annotated[OpenNumber, described("see unit", "root mean square of the errors")]
-    bound: Annotated[
-        OpenNumber,
-        described("see unit", "Cramér–Rao bound at the truth, as a standard deviation"),
-    ]
-    reported_std: Annotated[
-        OpenNumber,
-        described("see unit", "root mean square of the standard deviations stated"),
-    ]
-    reported_over_spread: Annotated[
-        OpenNumber, described("1", "the stated over the true standard deviation")
-    ]
-    rmse_over_bound: Annotated[
-        OpenNumber, described("1", "1 for an estimator that cannot be improved")
-    ]
-    rmse_over_bound_low: Annotated[OpenNumber, described("1", _LOW)]
-    rmse_over_bound_high: Annotated[OpenNumber, described("1", _HIGH)]
-    coverage: Annotated[
-        OpenNumber, described("1", "share of the stated 95 % intervals that hold the truth")
-    ]
-    coverage_low: Annotated[OpenNumber, described("1", _LOW)]
-    coverage_high: Annotated[OpenNumber, described("1", _HIGH)]
-    largest_error: Annotated[OpenNumber, described("1", "in any repetition, in units of the RMSE")]
-
-
-@dataclass(frozen=True)
 class PooledStatistics:
     """Several parameters of one estimator together."""
 
@@ -143,8 +110,8 @@ class RepetitionCounts:
 
 
 @dataclass(frozen=True)
-class _Subject:
-    """Estimator and parameter of a row."""
+class StatisticsRow:
+    """Statistics of one parameter of one estimator: a row of `tables/montecarlo.csv`."""
 
     estimator: Annotated[str, described("", "ls, gm or ml")]
     parameter: Annotated[str, described("", "name")]
@@ -152,11 +119,33 @@ class _Subject:
     truth: Annotated[float, described("see unit", "true value")]
     identified: Annotated[bool, described("", "bound below half the parameter's scale")]
     estimates: Annotated[int, described("1", "repetitions in which there is an estimate")]
-
-
-@dataclass(frozen=True)
-class StatisticsRow(ParameterStatistics, _Subject):
-    """Statistics of one parameter of one estimator: a row of `tables/montecarlo.csv`."""
+    bias: Annotated[OpenNumber, described("see unit", "mean error")]
+    bias_std_error: Annotated[OpenNumber, described("see unit", "standard error of the bias")]
+    bias_t: Annotated[OpenNumber, described("1", "bias in standard errors")]
+    spread: Annotated[OpenNumber, described("see unit", "standard deviation of the estimates")]
+    rmse: Annotated[OpenNumber, described("see unit", "root mean square of the errors")]
+    bound: Annotated[
+        OpenNumber,
+        described("see unit", "Cramér–Rao bound at the truth, as a standard deviation"),
+    ]
+    reported_std: Annotated[
+        OpenNumber,
+        described("see unit", "root mean square of the standard deviations stated"),
+    ]
+    reported_over_spread: Annotated[
+        OpenNumber, described("1", "the stated over the true standard deviation")
+    ]
+    rmse_over_bound: Annotated[
+        OpenNumber, described("1", "1 for an estimator that cannot be improved")
+    ]
+    rmse_over_bound_low: Annotated[OpenNumber, described("1", _LOW)]
+    rmse_over_bound_high: Annotated[OpenNumber, described("1", _HIGH)]
+    coverage: Annotated[
+        OpenNumber, described("1", "share of the stated 95 % intervals that hold the truth")
+    ]
+    coverage_low: Annotated[OpenNumber, described("1", _LOW)]
+    coverage_high: Annotated[OpenNumber, described("1", _HIGH)]
+    largest_error: Annotated[OpenNumber, described("1", "in any repetition, in units of the RMSE")]
 
 
 @dataclass(frozen=True)
@@ -294,8 +283,8 @@ class MonteCarloResult(RunFile, StageResult):
 
 def parameter_statistics(
     errors: Array, std: Array, widths: Array, bound: float
-) -> ParameterStatistics:
-    """Return the statistics of one parameter.
+) -> dict[str, float]:
+    """Return the statistics of one parameter: those fields of `StatisticsRow`.
 
     Parameters
     ----------
@@ -325,7 +314,7 @@ def parameter_statistics(
     freedom = count * mean_square**2 / steadiness if steadiness > 0 else np.nan
     rmse = float(np.sqrt(mean_square))
     share = float(np.count_nonzero(np.abs(errors) <= widths * std)) / count
-    return ParameterStatistics(
+    return dict(
         bias=bias,
         bias_std_error=std_error,
         bias_t=_ratio(bias, std_error),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
@@ -180,9 +180,7 @@ def _result(
                 truth=float(true[k]),
                 identified=bool(k in identified),
                 estimates=len(found),
-                **asdict(
-                    parameter_statistics(errors[:, k], std[:, k], widths[:, k], float(bound_std[k]))
-                ),
+                **parameter_statistics(errors[:, k], std[:, k], widths[:, k], float(bound_std[k])),
             )
             for k in (free if found else ())
         ]
