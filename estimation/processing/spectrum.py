@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg as sla
@@ -41,18 +42,31 @@ _MIDDLE_WIDTH = 32
 
 @dataclass(frozen=True, eq=False)
 class SmoothedSpectrum:
-    """Assumed noise spectrum of one sample at every line."""
+    """Assumed noise spectrum of one sample at every line, a candidate among several."""
 
-    matrices: ComplexArray
-    """(L, 6, 6)."""
+    smooth: ComplexArray
+    """(L, 6, 6), or (6, 6) if constant: smoothed spectrum after prewhitening."""
+    own: Array
+    """(L, 6), relative size of peaks; 1 for all other lines."""
+    standing_out: Mask
+    """(L,), peaks, which keep their own size."""
+    filters: ComplexArray
+    """(L, 6), response of the prewhitening filters."""
+    constant: Array
+    """(L, 6), correction of the model at the line of a constant; 1 for all other lines."""
     freedom: float
     """Median of the lines' complex degrees of freedom."""
     order: int
     """Order of the autoregressive model."""
     half_width: int | None
     """Neighbours to either side; None: all lines."""
-    standing_out: Mask
-    """(L,), peaks, which keep their own size."""
+    likelihood: float
+    """Whittle's, minus the number of parameters."""
+
+    @cached_property
+    def matrices(self) -> ComplexArray:
+        """(L, 6, 6)."""
+        return _colour_test(self.smooth, self.own * self.constant / self.filters)
 
     @property
     def words(self) -> str:
@@ -79,40 +93,12 @@ def smoothed_spectrum(
     white, *others = _candidates(lines, covariance)
     best = max(others, key=lambda each: each.likelihood, default=None)
     better = best is not None and best.likelihood > white.likelihood + _CLEARLY_BETTER
-    chosen = best if best is not None and (better or always) else white
-    found = chosen.spectrum
+    found = best if best is not None and (better or always) else white
     constant = found.order == 0 and found.half_width is None and not np.any(found.standing_out)
     return None if constant else found
 
 
-@dataclass(frozen=True, eq=False)
-class _Candidate:
-    smooth: ComplexArray
-    """(L, 6, 6), or (6, 6) if constant: smoothed spectrum after prewhitening."""
-    own: Array
-    """(L, 6), relative size of peaks; 1 for all other lines."""
-    standing_out: Mask
-    filters: ComplexArray
-    """(L, 6), response of the prewhitening filters."""
-    freedom: float
-    order: int
-    half_width: int | None
-    likelihood: float
-    constant: Array
-    """(L, 6), correction of the model at the line of a constant; 1 for all other lines."""
-
-    @property
-    def spectrum(self) -> SmoothedSpectrum:
-        return SmoothedSpectrum(
-            _colour_test(self.smooth, self.own * self.constant / self.filters),
-            self.freedom,
-            self.order,
-            self.half_width,
-            self.standing_out,
-        )
-
-
-def _candidates(lines: NoiseLines, covariance: Array) -> Iterator[_Candidate]:
+def _candidates(lines: NoiseLines, covariance: Array) -> Iterator[SmoothedSpectrum]:
     """Yield spectra, white noise first, with Whittle's likelihood minus their parameters."""
     widest = lines.samples // 4 - 1
     for order in _ORDERS:
@@ -140,8 +126,8 @@ def _candidates(lines: NoiseLines, covariance: Array) -> Iterator[_Candidate]:
             parameters = order * flat.matrices.shape[1]
             likelihood = _likelihood(flat, smooth, own, filters) - parameters
             middle = float(np.median(freedom))
-            found = filters, middle, order, width, likelihood, constant_size
-            yield _Candidate(smooth, own, standing_out, *found)
+            sizes = smooth, own, standing_out, filters, constant_size
+            yield SmoothedSpectrum(*sizes, middle, order, width, likelihood)
 
 
 def _usable(lines: NoiseLines, width: int) -> bool:

@@ -130,16 +130,11 @@ def _shape(
     std = np.ones_like(values)
     for j in np.flatnonzero(changing):
         seen = values[inside, j]
-        parts = _split(seen, bins)
+        parts = np.array_split(np.argsort(seen, kind="stable"), bins)
         means = [size[:, part, j].mean() for part in parts]
         std[:, j] = np.interp(values[:, j], [seen[part].mean() for part in parts], means)
     std = np.maximum(std, _SMALLEST * np.sqrt(np.mean(std**2, axis=0)))
     return std / np.sqrt(np.mean(std**2, axis=0))
-
-
-def _split(values: Array, bins: int) -> list[NDArray[np.intp]]:
-    """Return the indices of the samples of each bin, (n,), in the order of the values."""
-    return np.array_split(np.argsort(values, kind="stable"), bins)
 
 
 def low_harmonics(values: Array, *, rate: bool = False) -> Array:
