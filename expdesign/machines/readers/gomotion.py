@@ -33,7 +33,7 @@ _LIMITS = {"MAX_VEL": "strut_speed", "MAX_ACC": "strut_acceleration"}
 
 
 def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
-    ini = _ini(files[0])
+    ini = read_ini(files[0])
     kinematics = ini.entry("TRAJ", "KINEMATICS")
     if kinematics is not None and kinematics.value.split()[:1] != [_KINEMATICS]:
         raise kinematics.refusal("these kinematics are not read", _KINEMATICS)
@@ -81,10 +81,6 @@ def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
         limits=limits,
         questions=tuple(questions),
     )
-
-
-def _ini(file: Path) -> IniFile:
-    return read_ini(file, read_text(file, LARGEST, "Go Motion's INI file"))
 
 
 def _numbers(ini: IniFile, section: str, key: str, count: int) -> Array:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,7 @@ from expdesign.mechanism.strut import ANGLES, FIXED_AXES
 
 LARGEST = 1024 * 1024
 _KINEMATICS = "genhexkins"
+_PREFIX = f"{_KINEMATICS}."
 _MOST_FILES = 20
 _MM = 1e-3
 _UNITS = {"mm": _MM, "metric": _MM, "in": 0.0254, "inch": 0.0254, "imperial": 0.0254}
@@ -64,20 +65,19 @@ def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
         if inis:
             message = "two INI files are two machines"
         raise InputError(message, files[0] if not inis else inis[1], allowed="one INI file")
-    ini = read_ini(inis[0], read_text(inis[0], LARGEST, "LinuxCNC's INI file"))
+    ini = read_ini(inis[0])
     kinematics = ini.entry("KINS", "KINEMATICS")
     if kinematics is not None and kinematics.value.split()[:1] != [_KINEMATICS]:
         raise kinematics.refusal("these kinematics are not read", _KINEMATICS)
     given = [path for path in files if path not in inis]
     found, missing = _hal_files(ini, given)
     named = given or found
-    pins = Pins({})
+    pins = _Pins(ini)
     for path in named:
-        pins = pins.joined(read_hal(path, f"{_KINEMATICS}.", ini))
+        pins.read(path)
     # LinuxCNC executes these lines after the files.
     for entry in ini.entries("HAL", "HALCMD"):
-        line = (entry.line, entry.value)
-        pins = pins.joined(_read_commands(entry.file, [line], f"{_KINEMATICS}.", ini, ()))
+        pins.execute(entry.file, [(entry.line, entry.value)])
     if not pins.values and kinematics is None:
         message = f"neither '{_KINEMATICS}' in [KINS]KINEMATICS nor a line 'setp {_KINEMATICS}.…'"
         raise InputError(message, ini.file, allowed="the configuration of a hexapod")
@@ -98,7 +98,7 @@ def _hal_files(ini: IniFile, given: Sequence[Path]) -> tuple[list[Path], list[Qu
             if name.startswith("LIB:") or path.name in known:
                 continue
             if path.suffix == ".tcl" and path.is_file():
-                if f"{_KINEMATICS}." in read_text(path, LARGEST, "LinuxCNC's Tcl file"):
+                if _PREFIX in read_text(path, LARGEST, "LinuxCNC's Tcl file"):
                     message = f"{name} names pins of {_KINEMATICS}: Tcl is not executed here"
                     raise entry.refusal(message, "setp lines in a HAL file")
             elif path.is_file() and not given:
@@ -115,7 +115,7 @@ Metres = Callable[[float], float]
 class _Hexapod:
     """Machine by the INI and HAL files together."""
 
-    def __init__(self, ini: IniFile, pins: Pins, questions: Sequence[Question] = ()) -> None:
+    def __init__(self, ini: IniFile, pins: _Pins, questions: Sequence[Question] = ()) -> None:
         self.ini, self.pins = ini, pins
         self.unit = self._unit()
         self.questions = list(questions)
@@ -536,25 +536,9 @@ class IniFile:
         return next(iter(self.entries(section, key)), None)
 
 
-@dataclass(frozen=True)
-class Pins:
-    """Pins of a component that HAL files set, by name without the component's prefix."""
-
-    values: Mapping[str, Entry]
-    linked: frozenset[str] = field(default_factory=frozenset)
-    """Pins that follow a signal."""
-
-    def number(self, pin: str) -> float | None:
-        """Return what a pin is set to; None where no line sets it."""
-        return self.values[pin].number() if pin in self.values else None
-
-    def joined(self, later: Pins) -> Pins:
-        """Return these and those of a later file, which count where both set a pin."""
-        return Pins({**self.values, **later.values}, self.linked | later.linked)
-
-
-def read_ini(file: Path, text: str) -> IniFile:
+def read_ini(file: Path) -> IniFile:
     """Return the entries of an INI file; refuse a line that is none."""
+    text = read_text(file, LARGEST, "an INI file")
     sections: dict[str, dict[str, tuple[Entry, ...]]] = {}
     section: dict[str, tuple[Entry, ...]] | None = None
     name = ""
@@ -576,86 +560,77 @@ def read_ini(file: Path, text: str) -> IniFile:
     return IniFile(file, sections)
 
 
-def read_hal(file: Path, component: str, ini: IniFile, above: tuple[Path, ...] = ()) -> Pins:
-    """Return the pins that a HAL file sets of a component, and the files that it executes.
+class _Pins:
+    """Pins of genhexkins that HAL files set, by name; the last line that sets a pin counts."""
 
-    A value such as ``[TRAJ]LEAD`` is looked up in the INI file.
+    def __init__(self, ini: IniFile) -> None:
+        self._ini = ini
+        self.values = dict[str, Entry]()
+        self.linked = set[str]()
+        """Pins that follow a signal."""
 
-    Parameters
-    ----------
-    file : Path
-    component : str
-        Beginning of the names of its pins.
-    ini : IniFile
-    above : tuple of Path
-        Files that execute this one.
-    """
-    text = read_text(file, LARGEST, "LinuxCNC's HAL file")
-    return _read_commands(file, _lines(text), component, ini, (*above, file.resolve()))
+    def number(self, pin: str) -> float | None:
+        """Return what a pin is set to; None where no line sets it."""
+        return self.values[pin].number() if pin in self.values else None
 
+    def read(self, file: Path, above: tuple[Path, ...] = ()) -> None:
+        """Execute a HAL file; `above` are the files that execute it."""
+        text = read_text(file, LARGEST, "LinuxCNC's HAL file")
+        self.execute(file, _lines(text), (*above, file.resolve()))
 
-def _read_commands(
-    file: Path,
-    lines: Sequence[tuple[int, str]],
-    component: str,
-    ini: IniFile,
-    above: tuple[Path, ...],
-) -> Pins:
-    pins = Pins({})
-    for number, line in lines:
-        words = line.partition("#")[0].strip()
-        command = words.split()[0] if words else ""
-        if command == "source":
-            path = _sourced(words, file, number, ini, above)
-            pins = pins.joined(read_hal(path, component, ini, above))
-        elif command in ("net", "linkps", "linksp"):
-            linked = [word for word in words.split() if word.startswith(component)]
-            pins = pins.joined(Pins({}, frozenset(pin.removeprefix(component) for pin in linked)))
-        elif command in ("loadusr", "alias"):
-            if any(name in words for name in (component, "halcmd", "haltcl")):
-                message = f"{quote(words)} may set pins of {component.rstrip('.')}"
-                raise InputError(message, file, number, command, "setp lines in the HAL file")
+    def execute(
+        self, file: Path, lines: Sequence[tuple[int, str]], above: tuple[Path, ...] = ()
+    ) -> None:
+        """Execute the numbered lines of a file."""
+        for number, line in lines:
+            words = line.partition("#")[0].strip()
+            command = words.split()[0] if words else ""
+            if command == "source":
+                self.read(self._sourced(words, file, number, above), above)
+            elif command in ("net", "linkps", "linksp"):
+                linked = (word for word in words.split() if word.startswith(_PREFIX))
+                self.linked |= {pin.removeprefix(_PREFIX) for pin in linked}
+            elif command in ("loadusr", "alias"):
+                if any(name in words for name in (_PREFIX, "halcmd", "haltcl")):
+                    message = f"{quote(words)} may set pins of {_KINEMATICS}"
+                    allowed = "setp lines in the HAL file"
+                    raise InputError(message, file, number, command, allowed)
+            else:
+                self._set(words, file, number)
+
+    def _sourced(self, words: str, file: Path, number: int, above: tuple[Path, ...]) -> Path:
+        """Return the file that a line `source FILE` executes; refuse one that cannot be read."""
+        name = words.removeprefix("source").strip().strip("\"'")
+        places = [folder / name for folder in (self._ini.file.parent, file.parent)]
+        path = next((place for place in places if place.is_file()), None)
+        if path is None:
+            message = f"the file {quote(name)} is not here"
+        elif path.resolve() in above:
+            message = f"{quote(name)} executes itself"
+        elif path.suffix == ".tcl":
+            message = f"{quote(name)} is Tcl, which is not executed here"
         else:
-            pins = pins.joined(_set_pin(words, file, number, component, ini))
-    return pins
-
-
-def _sourced(words: str, file: Path, number: int, ini: IniFile, above: tuple[Path, ...]) -> Path:
-    """Return the file that a line `source FILE` executes; refuse one that cannot be read."""
-    name = words.removeprefix("source").strip().strip("\"'")
-    places = [folder / name for folder in (ini.file.parent, file.parent)]
-    path = next((place for place in places if place.is_file()), None)
-    allowed = "a HAL file in the folder of the INI file"
-    if path is None:
-        raise InputError(f"the file {quote(name)} is not here", file, number, "source", allowed)
-    if path.resolve() in above:
-        raise InputError(f"{quote(name)} executes itself", file, number, "source", allowed)
-    if path.suffix == ".tcl":
-        message = f"{quote(name)} is Tcl, which is not executed here"
+            return path
+        allowed = "a HAL file in the folder of the INI file"
         raise InputError(message, file, number, "source", allowed)
-    return path
 
-
-def _set_pin(words: str, file: Path, number: int, component: str, ini: IniFile) -> Pins:
-    pin = words.removeprefix("setp").split("=")[0].split()
-    if not pin or not pin[0].startswith(component):
-        return Pins({})
-    found = _SET.fullmatch(words)
-    key = pin[0]
-    if found is None:
-        message = f"{quote(words)} sets no pin"
-        raise InputError(message, file, number, key, f"setp {key} NUMBER")
-    entry = Entry(found[2], file, number, key)
-    return Pins({key.removeprefix(component): _looked_up(entry, ini)})
-
-
-def _looked_up(entry: Entry, ini: IniFile) -> Entry:
-    if (found := _REFERENCE.fullmatch(entry.value)) is None:
-        return entry
-    referred = ini.entry(found[1], found[2])
-    if referred is None:
-        raise entry.refusal(f"{ini.file.name} has no {entry.value}", "a key of the INI file")
-    return referred
+    def _set(self, words: str, file: Path, number: int) -> None:
+        """Set a pin to a number, or to the value of a key of the INI file: ``[TRAJ]LEAD``."""
+        key = next(iter(words.removeprefix("setp").split("=")[0].split()), "")
+        if not key.startswith(_PREFIX):
+            return
+        found = _SET.fullmatch(words)
+        if found is None:
+            message = f"{quote(words)} sets no pin"
+            raise InputError(message, file, number, key, f"setp {key} NUMBER")
+        entry = Entry(found[2], file, number, key)
+        if (reference := _REFERENCE.fullmatch(entry.value)) is not None:
+            referred = self._ini.entry(reference[1], reference[2])
+            if referred is None:
+                message = f"{self._ini.file.name} has no {entry.value}"
+                raise entry.refusal(message, "a key of the INI file")
+            entry = referred
+        self.values[key.removeprefix(_PREFIX)] = entry
 
 
 def _lines(text: str) -> list[tuple[int, str]]:
