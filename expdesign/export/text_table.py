@@ -124,18 +124,43 @@ class Loop:
         yield from switches[1:]
         yield from lead_out
 
-    def stretches(
-        self, code: Iterable[tuple[int, str]], joined: str = " "
-    ) -> Iterator[tuple[int, list[tuple[int, str]]]]:
-        """Yield blocks of numbered lines, with the number of times that the program executes them.
+    def moves(
+        self,
+        code: Iterable[tuple[int, str]],
+        read: Callable[[str, int], list[float]],
+        commands: tuple[str, str] | None,
+        switched: list[tuple[int, bool]],
+    ) -> Iterator[tuple[Array, Array]]:
+        """Yield the ticks at which moves end, (N,), and their values, (N, K), in blocks.
 
-        A line that begins with `joined` is in one block with the next.
-
-        Raises
-        ------
-        TableError
-            The program has a loop in a loop, or one without begin or end.
+        `read` returns the ticks of a numbered line and its values. The two commands switch an
+        output on and off; `switched` gets the row before each, and whether it switches on. A loop
+        in a loop, or one without begin or end, is a `TableError`.
         """
+        known: dict[str, list[float]] = {}
+        total = number = 0
+        for count, block in self._stretches(code):
+            found: list[list[float]] = []
+            for k, line in block:
+                if count == 1 and commands and line in commands:
+                    switched.append((number + len(found), line == commands[0]))
+                    continue
+                move = known.get(line) or read(line, k)
+                if len(known) < _KNOWN:
+                    known[line] = move
+                found.append(move)
+            if found:
+                table = np.array(found)
+                ticks = np.cumsum(table[:, 0])
+                for _ in range(count):
+                    yield total + ticks, table[:, 1:]
+                    total += int(ticks[-1])
+                number += count * len(found)
+
+    def _stretches(
+        self, code: Iterable[tuple[int, str]]
+    ) -> Iterator[tuple[int, list[tuple[int, str]]]]:
+        """Yield blocks of numbered lines, and how often the program executes each."""
         begin = re.compile(re.escape(self.begin).replace(r"\{\}", r"(\d{1,7})"))
         block: list[tuple[int, str]] = []
         count = 0
@@ -150,7 +175,7 @@ class Loop:
                     raise TableError(f"line {k}: {count} repetitions")
                 continue
             block.append((k, word))
-            if not count and len(block) > _ROWS and not word.startswith(joined):
+            if not count and len(block) > _ROWS:
                 yield 1, block
                 block = []
         if count:

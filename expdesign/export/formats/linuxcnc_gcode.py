@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import chain, islice
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -63,8 +63,6 @@ _SLOWEST = 1e-9
 """1/min; F of a row is above."""
 _LONGER = 2.0
 _BLEND_DIGITS = 8
-_KNOWN = 50_000
-"""Moves that are remembered: those of a period are."""
 _COMMENT = re.compile(r"\([^()]*\)")
 _WORD = re.compile(r"([A-Z])([^A-Z\s]*)")
 _UNIT_CODES = {"mm": "G21", "in": "G20"}
@@ -143,28 +141,13 @@ def _moves(
 
     Rows before which an output is switched are added to `switched`.
     """
-    period = _servo_period(settings)
-    on, off = _commands(settings) if settings.section.trigger is not None else ("", "")
-    known: dict[str, list[float]] = {}
-    total = number = 0
-    for count, block in _LOOP.stretches(_code(path, settings)):
-        values: list[list[float]] = []
-        for k, code in block:
-            if count == 1 and code in (on, off):
-                switched.append((number + len(values) - 1, code == on))
-                continue
-            start = not (number or values)
-            move = known.get(code) or _read_move(code, k, period, start=start)
-            if not start and len(known) < _KNOWN:
-                known[code] = move
-            values.append(move)
-        if values:
-            table = np.array(values)
-            cycles = np.cumsum(table[:, -1])
-            for _ in range(count):
-                yield period * (total + cycles), table[:, :-1]
-                total += int(cycles[-1])
-            number += count * len(values)
+    code, period = _code(path, settings), _servo_period(settings)
+    read = partial(_read_move, period=period)
+    commands = None if settings.section.trigger is None else _commands(settings)
+    for k, line in islice(code, 1):
+        yield np.zeros(1), np.array([read(line, k, start=True)[1:]])
+    for cycles, position in _LOOP.moves(code, read, commands, switched):
+        yield period * cycles, position
 
 
 def _code(path: Path, settings: Settings) -> Iterator[tuple[int, str]]:
@@ -187,8 +170,8 @@ def _code(path: Path, settings: Settings) -> Iterator[tuple[int, str]]:
         raise TableError("the program has no M2 at its end")
 
 
-def _read_move(code: str, line: int, period: float, *, start: bool) -> list[float]:
-    """Return the six positions of a move and its servo cycles, none of the move to the start."""
+def _read_move(code: str, line: int, period: float, *, start: bool = False) -> list[float]:
+    """Return the servo cycles of a move, none of that to the start, and its six positions."""
     words = _WORD.findall(code)
     if "".join(map("".join, words)) != re.sub(r"\s", "", code) or words[0] != ("G", "1"):
         raise TableError(f"line {line}: '{code[:40]}' is none of our codes")
@@ -200,11 +183,11 @@ def _read_move(code: str, line: int, period: float, *, start: bool) -> list[floa
     if start:
         if feed != START_FEED:
             raise TableError(f"F of the move to the start is {feed:g}, not {START_FEED:g}")
-        return [*position, 0]
+        return [0, *position]
     cycles = round(60 / (period * feed) - _MORE) if _SLOWEST < feed < 60 / period else 0
     if not cycles or abs(feed * period * (cycles + _MORE) / 60 - 1) > _SAME_FEED:
         raise TableError(f"line {line}: F {feed:.10g} is not that of whole servo cycles")
-    return [*position, cycles]
+    return [cycles, *position]
 
 
 ENDING = ".genhexkins.hal"

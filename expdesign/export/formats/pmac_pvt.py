@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
 from itertools import chain, islice
 from pathlib import Path
 from typing import Literal
@@ -47,8 +48,6 @@ _PROGRAM = 10
 _NO_PROGRAM = (
     "no program of PVT times and moves between OPEN PROG … CLEAR, ABS and CLOSE, and nothing else"
 )
-_KNOWN = 50_000
-"""Moves that are remembered."""
 _LOOP = Loop("Q100=0 WHILE(Q100<{})", "Q100=Q100+1 ENDWHILE", "; {}")
 _MOVE = re.compile(r"([A-Z])([^:\s]*):(\S*)")
 
@@ -136,39 +135,21 @@ def _moves(
 
     Rows before which an output is switched are added to `switched`.
     """
-    read, clock = _MoveReader(settings), _ticks(settings)
-    on, off = _commands(settings) if settings.section.trigger is not None else ("", "")
+    commands = None if settings.section.trigger is None else _commands(settings)
+    read = partial(_read_move, names=settings.axes.names, clock=_ticks(settings))
     yield np.zeros(1), np.concatenate([settings.start, np.zeros(len(LETTERS))])[None, :]
-    total = number = 0
-    for count, block in _LOOP.stretches(_code(path, settings), "PVT"):
-        values: list[list[float]] = []
-        step, ticks = 0, [0]
-        for k, word in block:
-            if count == 1 and word in (on, off):
-                switched.append((-1 if step else number + len(values), word == on))
-            elif not step:
-                step = read.time(word, k)
-            else:
-                ticks.append(ticks[-1] + step)
-                values.append(read.move(word, k))
-                step = 0
-        if step:
-            raise TableError(_NO_PROGRAM)
-        if values:
-            for repetition in range(count):
-                begin = total + repetition * ticks[-1]
-                yield (begin + np.array(ticks[1:])) / clock, np.array(values)
-            total += count * ticks[-1]
-            number += count * len(values)
-    if not number:
-        raise TableError(_NO_PROGRAM)
+    for ticks, values in _LOOP.moves(_code(path, settings), read, commands, switched):
+        yield ticks / _ticks(settings), values
 
 
 def _code(path: Path, settings: Settings) -> Iterator[tuple[int, str]]:
-    """Yield the lines of the program with their numbers; comments of the head have to be ours."""
+    """Yield the moves with their times, and other lines of the program, with their numbers.
+
+    Comments of the head have to be ours.
+    """
     known = _head(settings)[1:3]
     expected = [f"OPEN PROG {_PROGRAM} CLEAR", "ABS"]
-    ended = False
+    ended, time = False, ""
     for k, line in enumerate(lines(path), start=1):
         bare = line.partition(";")[0].strip()
         for own in known:
@@ -180,45 +161,33 @@ def _code(path: Path, settings: Settings) -> Iterator[tuple[int, str]]:
         if ended or (expected and bare != expected.pop(0)):
             raise TableError(_NO_PROGRAM)
         ended = bare == "CLOSE"
-        if not (ended or bare == "ABS" or bare.startswith("OPEN")):
-            yield k, bare
+        if bare.startswith("PVT") or ended:
+            if time:
+                raise TableError(_NO_PROGRAM)
+            time = bare.removesuffix("CLOSE")
+        elif not (bare == "ABS" or bare.startswith("OPEN")):
+            yield k, f"{time} {bare}".lstrip()
+            time = ""
     if not ended:
         raise TableError(_NO_PROGRAM)
 
 
-class _MoveReader:
-    """Reader of times and moves; those of repeated periods are read once."""
-
-    def __init__(self, settings: Settings) -> None:
-        self._names, self._ticks = settings.axes.names, _ticks(settings)
-        self._known: dict[str, list[float]] = {}
-
-    def time(self, word: str, line: int) -> int:
-        """Return the ticks that the controller makes of the time of a move."""
-        if not word.startswith("PVT"):
-            raise TableError(f"line {line}: '{word[:40]}' is no PVT time")
-        milliseconds = number(word.removeprefix("PVT"), line, "time")
-        longest = LONGEST if self._ticks == _TICKS else LONGEST_OF_TA
-        # The controller cuts what its clock cannot keep.
-        step = math.floor(milliseconds * self._ticks / 1000)
-        if not (step > 0 and milliseconds <= longest):
-            raise TableError(f"line {line}: {milliseconds:g} ms is not between 0 and {longest} ms")
-        return step
-
-    def move(self, words: str, line: int) -> list[float]:
-        """Return the six positions and the six velocities of a move."""
-        if words not in self._known:
-            found = [_MOVE.fullmatch(word) for word in words.split()]
-            if tuple(word[1] if word else "" for word in found) != self._names:
-                names = " ".join(self._names)
-                raise TableError(f"line {line}: not one word for each of {names}")
-            pairs = [(word[2], word[3]) for word in found if word]
-            values = [number(place, line, "position") for place, _ in pairs]
-            values += [number(speed, line, "velocity") for _, speed in pairs]
-            if len(self._known) >= _KNOWN:
-                return values
-            self._known[words] = values
-        return self._known[words]
+def _read_move(words: str, line: int, names: tuple[str, ...], clock: int) -> list[float]:
+    """Return the ticks that the controller makes of a move's time, positions and velocities."""
+    time, *moves = words.split()
+    if not time.startswith("PVT"):
+        raise TableError(f"line {line}: '{time[:40]}' is no PVT time")
+    milliseconds = number(time.removeprefix("PVT"), line, "time")
+    longest = LONGEST if clock == _TICKS else LONGEST_OF_TA
+    # The controller cuts what its clock cannot keep.
+    ticks = math.floor(milliseconds * clock / 1000)
+    if not (ticks > 0 and milliseconds <= longest):
+        raise TableError(f"line {line}: {milliseconds:g} ms is not between 0 and {longest} ms")
+    found = [match for word in moves if (match := _MOVE.fullmatch(word))]
+    if tuple(match[1] for match in found) != names or len(found) < len(moves):
+        raise TableError(f"line {line}: not one word for each of {' '.join(names)}")
+    position = [number(match[2], line, "position") for match in found]
+    return [ticks, *position, *(number(match[3], line, "velocity") for match in found)]
 
 
 _LETTERS = tuple("ABCUVWXYZ")
