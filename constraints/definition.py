@@ -67,7 +67,7 @@ class LimitDefinition:
     """Values of `natural`, (N, k), → the rows that the user reads, (N, R), where no expression
     gives them: singular values. `smooth` is needed then. None: they are those of `natural`."""
     transform: Callable[[NDArray[np.float64]], NDArray[np.float64]] = field(default=_identity)
-    """Maps bounds on `natural` to bounds on `smooth`; strictly monotone."""
+    """Maps bounds on `natural` to bounds on `smooth`; strictly monotone up to `widest`."""
     decreasing: bool = False
     """True when `transform` is decreasing (tilt → cosine), so that the bounds swap."""
     conservative: bool = False

@@ -17,6 +17,7 @@ LIMITS = (
         requires=("beta", "sin_beta"),
         smooth=lambda quantities: quantities["sin_beta"],
         transform=np.sin,
+        widest=math.pi / 2,
     ),
     LimitDefinition(
         key="position",

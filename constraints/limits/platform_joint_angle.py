@@ -27,4 +27,5 @@ LIMIT = LimitDefinition(
     smooth=_cosines,
     transform=np.cos,
     decreasing=True,
+    widest=np.pi,
 )
