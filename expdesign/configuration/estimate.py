@@ -54,8 +54,8 @@ _ONE_CHARACTER = require(
 )
 
 
-_Delays = Annotated[tuple[quantity.Duration, ...], schema.per_strut("delays")]
-Scales = Annotated[tuple[Annotated[quantity.Number, Field(gt=0)], ...], schema.per_strut("scales")]
+_Delays = schema.PerStrut[quantity.Duration]
+Scales = schema.PerStrut[Annotated[quantity.Number, Field(gt=0)]]
 """Factor of each strut by its number."""
 
 
@@ -160,9 +160,7 @@ class DataSection(schema.Section):
     header: Header = Header()
     delimiter: Annotated[str, _ONE_CHARACTER] = ","
     decimal: Literal[".", ","] = "."
-    force_constants: (
-        Annotated[tuple[quantity.ForceConstant, ...], schema.per_strut("force constants")] | None
-    ) = None
+    force_constants: schema.PerStrut[quantity.ForceConstant] | None = None
     """Force per ampere of the actuators, N/A, for files that hold currents."""
     counts_per_metre: schema.Counts | None = None
     """Counts of one metre of a strut, for files that hold counts."""

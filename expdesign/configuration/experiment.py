@@ -52,9 +52,9 @@ class Cogging(schema.Section):
     One value for all struts, or one for each: amplitude in N, pitch in m, phase in rad.
     """
 
-    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], schema.per_strut("amplitudes")]
-    pitch: Annotated[tuple[Annotated[Length, Positive], ...], schema.per_strut("pitches")]
-    phase: Annotated[tuple[Angle, ...], schema.per_strut("phases")] = (0.0,) * ACTUATORS
+    amplitude: schema.PerStrut[Annotated[Force, NotNegative]]
+    pitch: schema.PerStrut[Annotated[Length, Positive]]
+    phase: schema.PerStrut[Angle] = (0.0,) * ACTUATORS
 
 
 class Quantisation(schema.Section):
@@ -77,7 +77,7 @@ _MOST_ROWS = 10_000
 _NONE = (0.0,) * ACTUATORS
 _GAIN = Field(gt=-1)
 """Below, the measured force vanishes or changes its sign."""
-_Gains = Annotated[tuple[Annotated[Share, _GAIN], ...], schema.per_strut("gains")]
+_Gains = schema.PerStrut[Annotated[Share, _GAIN]]
 
 
 class ForceConstantError(schema.Section):
@@ -95,11 +95,11 @@ class HumDisturbance(schema.Section):
     """A sinusoid in the measured forces from the mains, with its harmonics."""
 
     frequency: Annotated[Frequency, Positive] = 50.0
-    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], schema.per_strut("amplitudes")]
+    amplitude: schema.PerStrut[Annotated[Force, NotNegative]]
     """Amplitude of the fundamental, N: one value for all actuators, or one for each."""
-    phase: Annotated[
-        tuple[Angle, ...] | None, *schema.word_for_none("drawn", schema.per_strut("phases"))
-    ] = None
+    phase: Annotated[tuple[Angle, ...] | None, *schema.word_for_none("drawn", schema.per_strut)] = (
+        None
+    )
     """Phase at the first sample, rad, of amplitude · sin(k (2π f t + phase)); None (``drawn`` in
     the YAML): every repetition draws one for each actuator and harmonic."""
     harmonics: Annotated[
@@ -131,9 +131,7 @@ class Lost(schema.Section):
         return self
 
 
-_TimeConstants = Annotated[
-    tuple[Annotated[Duration, NotNegative], ...], schema.per_strut("time constants")
-]
+_TimeConstants = schema.PerStrut[Annotated[Duration, NotNegative]]
 
 
 class LowPass(schema.Section):
@@ -176,11 +174,9 @@ class ExperimentSection(schema.Section):
     low_pass: LowPass = LowPass()
     clock: Annotated[Share, Field(gt=-0.1, lt=0.1)] = 0.0
     """Relative error of the recording's clock against the controller's, positive if fast."""
-    strut_length: Annotated[tuple[Length, ...], schema.per_strut("errors")] = (0.0,) * ACTUATORS
+    strut_length: schema.PerStrut[Length] = (0.0,) * ACTUATORS
     """Zero errors of the length measurements, m, positive if too long."""
-    compliance: Annotated[
-        tuple[Annotated[Compliance, NotNegative], ...], schema.per_strut("compliances")
-    ] = (0.0,) * ACTUATORS
+    compliance: schema.PerStrut[Annotated[Compliance, NotNegative]] = (0.0,) * ACTUATORS
     """Compliance of the struts, between motor with its sensor and platform, m/N."""
     lost: Lost | None = None
 

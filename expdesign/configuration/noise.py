@@ -134,14 +134,14 @@ class ForceHum(schema.Section):
     """A hum of the forces at one frequency."""
 
     frequency: Annotated[Frequency, Positive]
-    amplitude: Annotated[tuple[Annotated[Force, NotNegative], ...], schema.per_strut("amplitudes")]
+    amplitude: schema.PerStrut[Annotated[Force, NotNegative]]
 
 
 class LengthHum(schema.Section):
     """A hum of the lengths at one frequency."""
 
     frequency: Annotated[Frequency, Positive]
-    amplitude: Annotated[tuple[Annotated[Length, NotNegative], ...], schema.per_strut("amplitudes")]
+    amplitude: schema.PerStrut[Annotated[Length, NotNegative]]
 
 
 Hums = TypeVar("Hums", ForceHum, LengthHum)

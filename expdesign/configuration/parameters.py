@@ -26,7 +26,7 @@ from expdesign.configuration.quantity import (
     Voltage,
     quantity_in,
 )
-from expdesign.configuration.schema import Section, check_choice, per_strut, read_entries
+from expdesign.configuration.schema import PerStrut, Section, check_choice, read_entries
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import Constant, Parameter, Term, parameters_of
 from expdesign.mechanism.terms import (
@@ -115,17 +115,11 @@ class Screw(Gear):
 class Motor(Section):
     """Electric constants of the six motors, one value or six, for recordings of voltages."""
 
-    constant: (
-        Annotated[tuple[Annotated[MotorConstant, Positive], ...], per_strut("motor constants")]
-        | None
-    ) = None
+    constant: PerStrut[Annotated[MotorConstant, Positive]] | None = None
     """Torque per current, and voltage per angular speed, N m/A = V s."""
-    force_constant: (
-        Annotated[tuple[Annotated[ForceConstant, Positive], ...], per_strut("force constants")]
-        | None
-    ) = None
+    force_constant: PerStrut[Annotated[ForceConstant, Positive]] | None = None
     """The same along the strut, N/A = V s/m, instead of `constant`."""
-    resistance: Annotated[tuple[Annotated[Resistance, Positive], ...], per_strut("resistances")]
+    resistance: PerStrut[Annotated[Resistance, Positive]]
     """Between the terminals, with that of the lines, ohm."""
     supply: Annotated[Voltage, Positive] | None = None
     """Voltage of the bridges, V, for recordings of duty cycles."""

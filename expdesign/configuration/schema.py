@@ -332,11 +332,6 @@ def at_least(count: int, items: str, most: int = 100) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-def per_strut(items: str) -> WrapValidator:
-    """Return a validator for one value for all struts, or a list with one for each."""
-    return repeated(ACTUATORS, items, f"one of the {items} for all struts")
-
-
 def repeated(count: int, items: str, single: str) -> WrapValidator:
     """Return a validator for a list of `count` items, or for a single value that all share.
 
@@ -357,6 +352,12 @@ def repeated(count: int, items: str, single: str) -> WrapValidator:
         return (one,) * count
 
     return WrapValidator(check)
+
+
+One = TypeVar("One")
+per_strut = repeated(ACTUATORS, "values", "one value for all struts")
+PerStrut = Annotated[tuple[One, ...], per_strut]
+"""One value for all struts, or a list with one for each."""
 
 
 def _check_distinct(items: tuple[Hashable, ...]) -> tuple[Hashable, ...]:
@@ -414,17 +415,16 @@ Order = Annotated[
     ),
 ]
 """Number of the strut on each axis."""
-Signs = Annotated[tuple[Annotated[int, BeforeValidator(_check_sign)], ...], per_strut("signs")]
+Signs = PerStrut[Annotated[int, BeforeValidator(_check_sign)]]
 """1 or −1 for each strut by its number."""
 Offsets = Annotated[
-    Annotated[Literal["home"], Tag("(name)")]
-    | Annotated[tuple[Length, ...], per_strut("offsets"), Tag("(inline)")],
+    Annotated[Literal["home"], Tag("(name)")] | Annotated[PerStrut[Length], Tag("(inline)")],
     Discriminator(lambda value: "(name)" if value == "home" else "(inline)"),
 ]
 """Lengths of the struts at readings of zero, m; ``"home"``: their lengths at home."""
-Counts = Annotated[tuple[Annotated[Number, Positive], ...], per_strut("numbers of counts")]
+Counts = PerStrut[Annotated[Number, Positive]]
 """Counts of a length or turn for each strut by its number."""
-ForceOffsets = Annotated[tuple[Force, ...], per_strut("offsets")]
+ForceOffsets = PerStrut[Force]
 """Forces of the struts at readings of zero, N."""
 
 

@@ -204,7 +204,7 @@ def _read_term(term: str, value: object) -> dict[str, float]:
     return {EACH_PARAMETER: read(EACH_PARAMETER, value)}
 
 
-_Delays = Annotated[tuple[Annotated[Duration, NotNegative], ...], schema.per_strut("delays")]
+_Delays = schema.PerStrut[Annotated[Duration, NotNegative]]
 
 
 class ForceConstantTolerance(schema.Section):
@@ -212,9 +212,7 @@ class ForceConstantTolerance(schema.Section):
 
     common: Annotated[Share, NotNegative] | None = None
     """Common to all actuators."""
-    each: (
-        Annotated[tuple[Annotated[Share, NotNegative], ...], schema.per_strut("shares")] | None
-    ) = None
+    each: schema.PerStrut[Annotated[Share, NotNegative]] | None = None
     """Individual part of each actuator."""
 
 
@@ -241,9 +239,7 @@ class RobotTolerances(schema.Section):
     """(6, 3), m, of the coordinates in the base frame."""
     platform_joints: _Coordinates | None = None
     """(6, 3), m, of the coordinates in the platform frame."""
-    strut_length: (
-        Annotated[tuple[Annotated[Length, NotNegative], ...], schema.per_strut("lengths")] | None
-    ) = None
+    strut_length: schema.PerStrut[Annotated[Length, NotNegative]] | None = None
     """(6,), m, zero of each length measurement."""
     force_constant: ForceConstantTolerance | None = None
     motor: MotorTolerance | None = None

@@ -147,7 +147,7 @@ experiment: {sampling: 1 ms} => experiment.sampling => is a duration
 experiment: {drift: -1 mm} => experiment.drift => -0.001 is negative
 experiment: {cogging: {amplitude: 1}} => experiment.cogging.pitch => 'pitch' is missing
 experiment: {cogging: {amplitude: [1, 2], pitch: 1}} => experiment.cogging.amplitude => there are
-    2 amplitudes where 6 are needed
+    2 values where 6 are needed
 experiment: {outliers: {share: 1}} => experiment.outliers.share => out of range
 experiment: {tracking_error: {harmonics: [15, 6]}} => experiment.tracking_error.harmonics => min
     15 is above max 6
@@ -217,7 +217,7 @@ export: [{format: xps-pvt, segment: 0}] => export[1].segment => 0 is not positiv
 export: [{format: xps-pvt, sign: 2}] => export[1].sign => 2 is not a sign
 export: [{format: xps-pvt, order: [1, 1, 2, 3, 4, 5]}] => export[1].order => [1, 1, 2, 3, 4, 5]
     is not an order of the 6 struts
-export: [csv, {format: xps-pvt, offset: [0.6, 0.6]}] => export[2].offset => there are 2 offsets
+export: [csv, {format: xps-pvt, offset: [0.6, 0.6]}] => export[2].offset => there are 2 values
     where 6 are needed
 export: [{format: xps-pvt, space: pose, offset: home}] => export[1].offset => 'offset' is about
     actuators, the table holds poses
