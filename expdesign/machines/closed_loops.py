@@ -23,7 +23,7 @@ from expdesign.machines.mechanism_graph import (
     Link,
     PathStep,
     Rotations,
-    StrutParts,
+    StrutPart,
     moved_bodies,
 )
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -220,8 +220,8 @@ def _meeting(
     return meeting, missed
 
 
-def _parts(strut: _Strut, groups: Groups) -> StrutParts:
-    """Return the groups of bodies of a strut, and its placement."""
+def _parts(strut: _Strut, groups: Groups) -> tuple[StrutPart, ...]:
+    """Return ring, stator and slider; the slider has the bodies of the joints at the platform."""
     rings, lugs = (
         [groups.of(step.joint.bodies[1 if step.forward else 0]) for step in end.path[:-1]]
         for end in (strut.foot, strut.head)
@@ -232,9 +232,14 @@ def _parts(strut: _Strut, groups: Groups) -> StrutParts:
     if np.linalg.norm(np.cross(first, along)) < _PARALLEL:
         first = np.eye(3)[int(np.argmin(np.abs(along)))]
     first = first / np.linalg.norm(first)
-    sliders = (strut.slider, *lugs)
-    return StrutParts(
-        tuple(rings), strut.stator, sliders, strut.foot.leg, strut.head.leg, first, along
+    second = np.cross(along, first)
+    second = second / np.linalg.norm(second)
+    of_strut = np.stack([np.cross(second, along), second, along])
+    of_ring = np.stack([first, second, np.cross(first, second)])
+    return (
+        (rings, of_ring, strut.foot.leg),
+        ((strut.stator,), of_strut, strut.foot.leg),
+        ((strut.slider, *lugs), of_strut, strut.head.leg),
     )
 
 

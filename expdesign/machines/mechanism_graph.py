@@ -241,32 +241,22 @@ _ROUNDING = 1e-12
 """Share of a body's largest numbers that is none."""
 
 
-@dataclass(frozen=True)
-class StrutParts:
-    """Groups of links of one strut, and its placement in the world."""
-
-    rings: tuple[int, ...]
-    stator: int
-    sliders: tuple[int, ...]
-    """With the bodies of the joints at the platform."""
-    foot: Array
-    """(3,), A, m."""
-    head: Array
-    """(3,), B on the strut, m."""
-    first_axis: Array
-    """(3,), e_α, unit."""
-    along: Array
-    """(3,), u, unit."""
+StrutPart = tuple[Sequence[int], Array, Array]
+"""Groups of links of a ring, stator or slider, with axes (3, 3) and origin (3,) of its frame in the
+world, m."""
 
 
 def moved_bodies(
     links: Sequence[Link],
     groups: Groups,
-    struts: Sequence[StrutParts],
+    struts: Sequence[Sequence[StrutPart]],
     platform: tuple[int, Placement],
     questions: list[Question],
 ) -> Bodies | None:
-    """Return the bodies, those of a strut as the mean of all; None without a complete one."""
+    """Return the bodies, those of a strut as the mean of all; None without a complete one.
+
+    Each strut has its ring, stator and slider.
+    """
     parts: dict[str, tuple[BodyDescription, ...]] = {}
     found = [_of_strut(links, groups, strut) for strut in struts]
     known = [one for one in found if one is not None]
@@ -288,23 +278,15 @@ def moved_bodies(
 
 
 def _of_strut(
-    links: Sequence[Link], groups: Groups, strut: StrutParts
-) -> tuple[RigidBody, RigidBody, RigidBody] | None:
-    """Return ring, stator and slider in their frames; None if one is incomplete."""
-    second = np.cross(strut.along, strut.first_axis)
-    second = second / np.linalg.norm(second)
-    of_strut = np.stack([np.cross(second, strut.along), second, strut.along])
-    of_ring = np.stack([strut.first_axis, second, np.cross(strut.first_axis, second)])
+    links: Sequence[Link], groups: Groups, strut: Sequence[StrutPart]
+) -> list[RigidBody] | None:
+    """Return the parts of a strut in their frames; None if one is incomplete."""
     found = []
-    for members, axes, at in (
-        (strut.rings, of_ring, strut.foot),
-        ((strut.stator,), of_strut, strut.foot),
-        (strut.sliders, of_strut, strut.head),
-    ):
+    for members, axes, at in strut:
         if (body := _group(links, groups, members)) is None:
             return None
         found.append(body.placed(axes, -axes @ at))
-    return found[0], found[1], found[2]
+    return found
 
 
 def _group(links: Sequence[Link], groups: Groups, members: Iterable[int]) -> RigidBody | None:
