@@ -104,13 +104,7 @@ def _unidentified_warnings(
 def print_machine(robot: Robot, at_home: Mapping[str, Array], reaches: Sequence[Reach]) -> None:
     """Print lengths, forces and angles of the struts, condition and reach, with their limits.
 
-    Parameters
-    ----------
-    robot : Robot
-    at_home : mapping
-        As of `LimitModel.at_home`, of everything that can be limited.
-    reaches : sequence of Reach
-        As of `reach`.
+    `at_home` is that of `LimitModel`, of everything that can be limited.
     """
     console = results()
     console.print(f"{robot.name} at rest at home: {_pose(robot)}\n")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from decimal import Decimal
 from functools import lru_cache
 
@@ -38,16 +38,6 @@ _HALF_UP = 1 + 1e-3
 _MANTISSA = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)(.*)", re.DOTALL)
 
 
-@dataclass(frozen=True)
-class PhysicalConsistency:
-    """Verdict on the physical consistency of a robot file's parameters."""
-
-    warnings: tuple[str, ...] = ()
-    """Inconsistencies in words."""
-    rounded: str = ""
-    """Explanation if only unrounded parameters are consistent; else empty."""
-
-
 def rounding_errors(document: Document, key: Key, values: Mapping[str, float]) -> dict[str, float]:
     """Return half a unit of the last digit of the parameters at a key, SI.
 
@@ -75,8 +65,10 @@ def physical_consistency(
     platform_joints: Array,
     length: float,
     gravity: float,
-) -> PhysicalConsistency:
-    """Judge nominal parameters, SI; those of published tables and estimates may fit no machine.
+) -> tuple[list[str], str]:
+    """Return inconsistencies of nominal parameters, SI, in words; published values may have some.
+
+    If only unrounded parameters are consistent there are none, and the second text says so.
 
     `platform_joints` are (6, 3), platform frame, m; characteristic length in m, gravity in m/s².
     """
@@ -94,10 +86,10 @@ def physical_consistency(
     with np.errstate(all="ignore"):
         nearest, rounded = _nearest_consistent(terms, *given, joints, length, gravity)
     if rounded:
-        return PhysicalConsistency(rounded=rounded)
+        return [], rounded
     if nearest:
         found = [*found[:-1], ". ".join([*found[-1:], nearest])]
-    return PhysicalConsistency(tuple(f"physically inconsistent parameters: {t}" for t in found))
+    return [f"physically inconsistent parameters: {text}" for text in found], ""
 
 
 @lru_cache(maxsize=32)

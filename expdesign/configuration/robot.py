@@ -348,7 +348,7 @@ def _with_warnings(
 ) -> ResolvedRobot:
     """Return a robot with the warnings about its valid but suspicious properties."""
     description, parameters = robot.description, robot.parameters
-    consistency = plausibility.physical_consistency(
+    inconsistencies, rounded = plausibility.physical_consistency(
         robot.terms,
         parameters,
         plausibility.rounding_errors(source.document, (*source.key, "parameters"), parameters),
@@ -360,7 +360,7 @@ def _with_warnings(
     warnings = [
         *before,
         *geo.gravity_warnings(robot.gravity, home.joints - robot.base_joints),
-        *consistency.warnings,
+        *inconsistencies,
         *of_reserve,
         *plausibility.far_points(
             {
@@ -387,7 +387,7 @@ def _with_warnings(
             "the five parameters for it. The sums over the joints would be zero: "
             f"{', '.join(f'{name} = {value}' for name, value in sums.items())}"
         )
-    return replace(robot, warnings=tuple(warnings), rounded=consistency.rounded)
+    return replace(robot, warnings=tuple(warnings), rounded=rounded)
 
 
 def as_general(description: RobotDescription) -> RobotDescription:

@@ -455,11 +455,7 @@ def switching(rows: Rows, settings: Settings, commands: tuple[str, str]) -> dict
 def switched_at(found: Sequence[tuple[int, bool]], rows: Rows) -> Rows:
     """Return the rows with the times at which the output is switched; unchanged without commands.
 
-    Parameters
-    ----------
-    found : sequence of (int, bool)
-        Number of the row before each command, and whether it switches the output on.
-    rows : Rows
+    `found` has the number of the row before each command, and whether it switches the output on.
     """
     if not found:
         return rows

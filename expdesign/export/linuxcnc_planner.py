@@ -39,18 +39,10 @@ class PlannerLimits:
     """``[TRAJ]MAX_LINEAR_VELOCITY``."""
 
 
-@dataclass(frozen=True, eq=False)
-class PlannedMotion:
-    """Commanded poses (M, 6) in all servo cycles, and the cycles (N,) in which the rows end."""
-
-    poses: Array
-    cycles: Array
-
-
 def plan_motion(
     positions: Array, feeds: Array, tolerance: float, limits: PlannerLimits
-) -> PlannedMotion:
-    """Execute the moves between positions.
+) -> tuple[Array, Array]:
+    """Return the commanded poses (M, 6) in all servo cycles, and the cycles (N,) that end rows.
 
     Parameters
     ----------
@@ -67,7 +59,7 @@ def plan_motion(
 
     >>> limits = PlannerLimits(0.001, np.full(6, 1e3), np.repeat([2e3, 1e4], 3))
     >>> there = np.array([[0.0, 0, 0, 0, 0, 0], [10.0, 0, 0, 1.0, 0, 0]])
-    >>> len(plan_motion(there, np.array([600.0]), 0.01, limits).poses)
+    >>> len(plan_motion(there, np.array([600.0]), 0.01, limits)[0])
     202
     """
     moves = list(_moves(positions, feeds, tolerance, limits))
@@ -83,7 +75,7 @@ def plan_motion(
                 pose = pose + following.pose - following.start
             poses.append(pose)
         cycles[move.row] = len(poses) - 1
-    return PlannedMotion(_interpolate_cubically(np.array(poses)), np.maximum.accumulate(cycles))
+    return _interpolate_cubically(np.array(poses)), np.maximum.accumulate(cycles)
 
 
 def _interpolate_cubically(poses: Array) -> Array:

@@ -81,12 +81,7 @@ def lead_files(
 ) -> dict[str, Callable[[Rows, Settings], list[str]]]:
     """Return the companion files with lead-in and lead-out of a period that is repeated.
 
-    Parameters
-    ----------
-    suffix : str
-        Of the format.
-    text : callable
-        Returns a line for each row of a part.
+    The suffix is that of the format; `text` returns a line for each row of a part.
     """
     return {
         f"{name}{suffix}": partial(_lead_lines, text=text, part=part)

@@ -44,13 +44,9 @@ def write_lines(path: Path, text: Iterable[str]) -> None:
 def every_line(rows: Rows, lines_of: Callable[[Rows], Iterable[str]]) -> Iterator[str]:
     """Yield one line for every row of a table; those of a repeated period are made once.
 
-    Parameters
-    ----------
-    rows : Rows
-    lines_of : callable
-        Returns a line for each row of a part of the table. The line of the first row counts only
-        in the first part; in the others this row is the last one of the part before. The times of
-        the part are those of the first of the periods.
+    `lines_of` returns a line for each row of a part of the table. The line of the first row counts
+    only in the first part; in the others this row is the last one of the part before. The times of
+    the part are those of the first of the periods.
     """
     made: list[str] | None = None
     for number, part in enumerate(rows.parts()):
@@ -69,17 +65,8 @@ def mark_window(
 ) -> Iterator[str]:
     """Yield the lines of rows, with comments where the measurement window begins and ends.
 
-    Parameters
-    ----------
-    text : iterable of str
-        One line for every row.
-    rows : Rows
-    settings : Settings
-    comment : str
-        A comment of the format, with ``{}`` for its text.
-    ends : bool
-        Whether a line is the move that ends at its row: the window begins behind the line of its
-        first row. Otherwise it begins before that line.
+    A comment of the format has ``{}`` for its text. A line that `ends` at its row is a move: the
+    window begins behind the line of its first row. Otherwise it begins before that line.
     """
     edges = edge_rows(rows, settings.window)
     if not ends:

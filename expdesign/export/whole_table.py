@@ -42,15 +42,8 @@ def find_faults(
     A whole motion begins and ends as `Settings.task` states, usually at rest at home, takes its
     time, has no hole and no jump of speed, and switches the output with the measurement window.
 
-    Parameters
-    ----------
-    settings : Settings
-    table : ExecutedTable
-        As read with these settings.
-    longest_step : float
-        Longest time between two rows as exported, s; for rows at individual times.
-    piece : bool
-        Accept any begin, end and duration.
+    Rows at individual times are at most the longest step of the export apart, s. A piece may have
+    any begin, end and duration.
     """
     table = table.as_written
     settings = executed_settings(settings, table)

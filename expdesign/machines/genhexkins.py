@@ -7,8 +7,6 @@ goes from ``base.N`` in the world to ``platform.N`` on the platform; `spindle-of
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from constraints.arrays import Array
@@ -22,31 +20,24 @@ _UNITS = {"mm": ("mm", 1e3), "in": ("inch", 1 / 0.0254)}
 
 def setp_lines(robot: ResolvedRobot, unit: str) -> list[str]:
     """Return the lines of a HAL file for a robot, with lengths in mm or in."""
-    name, units_per_metre = _UNITS[unit]
+    name, scale = _UNITS[unit]
+    points = {"base": robot.base_joints * scale, "platform": robot.platform_joints * scale}
+    lead = 0.0
+    if robot.platform_cardan_axes is not None:
+        # With axes against each other a lead above zero is right-handed.
+        points |= {"base-n": robot.alpha_axes, "platform-n": -robot.platform_cardan_axes}
+        lead = robot.thread_lead * scale
     return [
         f"# {robot.name} for genhexkins, where [TRAJ]LINEAR_UNITS = {name}.",
         "# spindle-offset and tool-offset stay zero: the controlled point is the robot file's.",
-        *_points("base", robot.base_joints * units_per_metre),
-        *_points("platform", robot.platform_joints * units_per_metre),
-        *_thread(robot, units_per_metre),
+        *(
+            f"setp genhexkins.{kind}.{j}.{letter} {value + 0.0:.12g}"
+            for kind, rows in points.items()
+            for j, row in enumerate(rows)
+            for letter, value in zip("xyz", row, strict=True)
+        ),
+        f"setp genhexkins.screw-lead {lead:.12g}",
     ]
-
-
-def _thread(robot: ResolvedRobot, units_per_metre: float) -> Iterator[str]:
-    """Yield the axes and the lead for the turn of the struts on their screws."""
-    if robot.platform_cardan_axes is None:
-        yield "setp genhexkins.screw-lead 0"
-        return
-    # With axes against each other a lead above zero is right-handed.
-    yield from _points("base-n", robot.alpha_axes)
-    yield from _points("platform-n", -robot.platform_cardan_axes)
-    yield f"setp genhexkins.screw-lead {robot.thread_lead * units_per_metre:.12g}"
-
-
-def _points(kind: str, joints: Array) -> Iterator[str]:
-    for index, joint in enumerate(joints):
-        for letter, value in zip("xyz", joint, strict=True):
-            yield f"setp genhexkins.{kind}.{index}.{letter} {value + 0.0:.12g}"
 
 
 BUILT_IN_JOINTS: dict[str, tuple[tuple[float, float], ...]] = {
@@ -94,17 +85,8 @@ def find_thread(
 ) -> Thread | None:
     """Return the hand of genhexkins' threads; None if it differs between the struts.
 
-    With axes of base and platform against each other a lead above zero is a right-handed thread,
-    with both alike a left-handed one.
-
-    Parameters
-    ----------
-    lead : float
-        ``screw-lead``.
-    base_axes, platform_axes : (6, 3)
-        ``base-n``, ``platform-n``: base frame, platform frame.
-    home : StrutGeometry
-        Of the pose at which the axes are compared.
+    With axes of base and platform, (6, 3) in their frames, against each other at home a lead above
+    zero is a right-handed thread, with both alike a left-handed one.
     """
     lower = np.cross(base_axes, home.directions)
     upper = np.cross(platform_axes @ home.rotation.T, home.directions)
@@ -126,20 +108,9 @@ def turn_errors(
     """Return the errors of genhexkins' lengths at poses, (N, 6), m.
 
     It corrects the lengths by screw-lead / 2π · arcsin of the turns' sine. The arc sine is that of
-    another turn where the axes, seen along the strut, are more than a right angle from their sense
-    at home.
-
-    Parameters
-    ----------
-    lead : float
-        ``screw-lead``, m.
-    base_axes, platform_axes : (6, 3)
-        ``base-n``, ``platform-n``: base frame, platform frame.
-    home : (6,)
-    poses : (N, 6)
-        m, rad.
-    base, platform : (6, 3)
-        Joints, m.
+    another turn where the axes, (6, 3) in the frames of base and platform, are more than a right
+    angle from their sense at home, seen along the strut. Lead in m, home (6,) and poses (N, 6) in m
+    and rad, joints of base and platform (6, 3) in m.
     """
     _, sense = screw_turns(base_axes, platform_axes, geometry_at(home, base, platform))
     errors = np.zeros((len(poses), ACTUATORS))

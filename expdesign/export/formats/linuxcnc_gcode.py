@@ -227,8 +227,8 @@ def execute_moves(rows: Rows, settings: Settings) -> tuple[Rows, Array]:
     if rows.repeated:
         feeds = np.insert(feeds, last, feeds[first:last])
         position = np.insert(position, last + 1, position[first + 1 : last + 1], axis=0)
-    planned = plan_motion(position, feeds, _blend(settings), limits)
-    poses, cycles, task = planned.poses, planned.cycles, settings.task
+    poses, cycles = plan_motion(position, feeds, _blend(settings), limits)
+    task = settings.task
     begin = end = 0
     if rows.repeated:
         third = 2 * last - first

@@ -402,17 +402,8 @@ def strut_limits(
 ) -> tuple[dict[str, object], list[Question]]:
     """Return the limits of the struts, and questions about those that limit nothing.
 
-    Parameters
-    ----------
-    ini : IniFile
-    sections : sequence of str
-        Those of the six struts.
-    rates : mapping
-        Key of a largest speed or acceleration → limit of the robot file.
-    metres : callable
-        Converts a length of the file to m.
-    size : float
-        Size of the machine, m.
+    `rates` maps keys of the six sections for a largest speed or acceleration to limits of the robot
+    file; `metres` converts a length of the file to m. The size of the machine is in m.
     """
     limits, questions = dict[str, object](), list[Question]()
     pairs = [_range(ini, section, metres, size, lowest=0.0) for section in sections]
