@@ -48,14 +48,7 @@ def left_text(passed: float, share: float, waited: float = 0.0) -> str:
 
 
 class Activity:
-    """Display of the progress of a stage, and of the search in it.
-
-    Parameters
-    ----------
-    console : rich Console
-    name : str
-        Name of the stage.
-    """
+    """Display of the progress of a stage by its name, and of the search in it."""
 
     def __init__(self, console: Console, name: str) -> None:
         self._console, self._name = console, name

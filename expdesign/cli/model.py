@@ -53,24 +53,9 @@ _WITHIN = 2.0
 def write_model(source: str, name: str, out: Path | None, width: str, *, as_json: bool) -> None:
     """Write the control model of a run folder's estimate, or of a robot; test it where possible.
 
-    Parameters
-    ----------
-    source : str
-        A run folder with an estimate, a robot file, or the name of a robot that ships.
-    name : str
-        Name of the format.
-    out : Path or None
-        The folder; ``model/<format>`` in the run folder, or in ``runs/<robot>``, by default.
-    width : str
-        Width of the sign of dry friction, such as ``"2 mm/s"``; ``"0"``: the exact one.
-    as_json : bool
-
-    Raises
-    ------
-    InputError
-        There is no estimate, robot or format of the name.
-    ComputationError
-        The format cannot be made here, or its self-test fails.
+    The source is a run folder with an estimate, a robot file, or the name of a robot that ships;
+    the model goes to ``model/<format>`` of the folder, or of ``runs/<robot>``, unless `out` is
+    given. The width is that of the sign of dry friction, such as ``"2 mm/s"``.
     """
     speed = _speed(width)
     if name not in FORMATS:

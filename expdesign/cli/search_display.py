@@ -53,20 +53,10 @@ def search_display(
 class SearchDisplay:
     """Display of every running start and the best so far, with progress and remaining time.
 
-    Parameters
-    ----------
-    console : rich Console
-        On a terminal the display is redrawn in place; elsewhere a line is written from time to
-        time, ever more rarely.
-    criterion : Criterion
-    starts, hops : int
-        Their largest numbers.
-    describe : callable
-        Returns the predicted precision of a motion in words.
-    max_seconds : float, optional
-        For starts and hops; the finish, which comes on top, is not shown then.
-    activity : Activity, optional
-        That of the stage, for one clock and one count of lines.
+    On a terminal it is redrawn in place; elsewhere a line is written from time to time, ever more
+    rarely. `describe` returns the predicted precision of a motion in words. `max_seconds` are for
+    starts and hops; the finish, which comes on top, is not shown then. The activity is that of the
+    stage, for one clock and one count of lines.
     """
 
     def __init__(

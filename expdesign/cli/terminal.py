@@ -20,10 +20,7 @@ if TYPE_CHECKING:
 class Terminal(Progress):
     """Listener that shows progress and remarks on standard error, results on standard output.
 
-    Parameters
-    ----------
-    quiet : bool
-        Whether results are left out, since the command writes them as JSON.
+    A quiet one leaves out the results, since the command writes them as JSON.
     """
 
     def __init__(self, *, quiet: bool = False) -> None:

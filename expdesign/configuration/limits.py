@@ -51,19 +51,9 @@ def resolve_limits(
 ) -> tuple[dict[str, Limit], float | None]:
     """Merge the limits of robot and run, without the reserve.
 
-    Parameters
-    ----------
-    sources : sequence of Located
-        `Limits`. Later ones override earlier ones by key and component.
-    defaults : mapping of Limit, optional
-        As from `default_limits`.
-
-    Returns
-    -------
-    limits : dict of Limit
-        In the order of the catalogue, without default limits that another limit implies.
-    characteristic_length : float or None
-        m; None when no source gives it.
+    Later sources override earlier ones, and these the defaults, by key and component. Return the
+    limits in the order of the catalogue, without default limits that another limit implies, and the
+    characteristic length, m, None when no source gives it.
     """
     given = dict(defaults or {})
     length: float | None = None

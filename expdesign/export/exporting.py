@@ -169,14 +169,8 @@ def export_table(
 ) -> Export:
     """Write a controller table and check it; a file that fails leaves nothing behind.
 
-    Parameters
-    ----------
-    path : Path
-        Final name of the file.
-    place : str
-        Where the section stands, for messages.
-    write : callable, optional
-        Instead of the format's own writer.
+    The path is the final name of the file; the place of the section in the run file is for
+    messages. `write` replaces the format's own writer.
 
     Raises
     ------

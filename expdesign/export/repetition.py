@@ -157,19 +157,9 @@ class Collected(NamedTuple):
 def collect(blocks: Iterable[tuple[Array, Array]], settings: Settings) -> Collected:
     """Return the rows of a file that is read in blocks.
 
-    A table whose further periods differ from the second is kept whole.
-
-    Parameters
-    ----------
-    blocks : iterable of (N,) and (N, K)
-        Times, s, and values of successive rows.
-    settings : Settings
-        Those of the export, with the number of periods.
-
-    Raises
-    ------
-    TableError
-        There are no rows, or too many that do not repeat.
+    The blocks are times (N,), s, and values (N, K) of successive rows. A table whose further
+    periods differ from the second is kept whole. Raises `TableError` without rows, or for too many
+    that do not repeat.
     """
     collector = _Collector(settings)
     for times, values in blocks:

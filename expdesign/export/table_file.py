@@ -156,16 +156,8 @@ def find_table_file(
 def certify_file(file: TableFile, *, piece: bool = False) -> PathCertificate:
     """Return the certificate of a table as a whole: its limits, ends, rows, columns and files.
 
-    Parameters
-    ----------
-    file : TableFile
-    piece : bool
-        Accept any begin, end and duration, and state them in the remarks.
-
-    Raises
-    ------
-    ForwardKinematicsError
-        The struts' lengths belong to no pose.
+    A piece may have any begin, end and duration, which the remarks state. Raises
+    `ForwardKinematicsError` where the struts' lengths belong to no pose.
     """
     table = file.executed
     settings, rows = executed_settings(file.settings, table), table.as_written.rows

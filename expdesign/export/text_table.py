@@ -294,18 +294,9 @@ def add_times(
 ) -> Iterator[tuple[Array, Array]]:
     """Yield times, s, and blocks of rows (N, K) whose first column is the time of each move.
 
-    Parameters
-    ----------
-    blocks : iterable of (N, K)
-    ticks_per_cell : float
-        Ticks of the file's clock in a unit of the column.
-    ticks : int
-        Ticks in a second. Whole ticks are added, so that rounding errors do not accumulate.
-
-    Raises
-    ------
-    TableError
-        The times are too long for the clock.
+    A unit of the column has `ticks_per_cell` of the file's clock, a second has `ticks`. Whole ticks
+    are added, so that rounding errors do not accumulate; times that are too long for the clock are
+    a `TableError`.
     """
     total = 0
     for block in blocks:
