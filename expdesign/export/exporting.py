@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -55,21 +54,7 @@ _ROUNDED = 1e-4
 
 
 class ExportError(ComputationError):
-    """A file does not do what the design asks for; it was not kept. `remedy` may be empty."""
-
-    def __init__(self, name: str, check: ReadBack, settings: Settings) -> None:
-        self.check = check
-        self.remedy = _remedy(check, settings)
-        advice = self.remedy and f"; {self.remedy}"
-        super().__init__(
-            f"{name}: {'; '.join(check.failures)}. The file was not kept{advice}.",
-            {"failures": list(check.failures)},
-        )
-        self._made_of = name, check, settings
-
-    def __reduce__(self) -> tuple[type[ExportError], tuple[str, ReadBack, Settings]]:
-        """Be made again from the same: it comes from worker processes, too."""
-        return type(self), self._made_of
+    """A file does not do what the design asks for; it was not kept."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,17 +145,11 @@ def refuse_missing_library(section: ExportSection, place: str = "") -> None:
         )
 
 
-def export_table(
-    section: ExportSection,
-    task: Task,
-    path: Path,
-    place: str = "",
-    write: Callable[[Path, Rows, Settings], None] | None = None,
-) -> Export:
+def export_table(section: ExportSection, task: Task, path: Path, place: str = "") -> Export:
     """Write a controller table and check it; a file that fails leaves nothing behind.
 
     The path is the final name of the file; the place of the section in the run file is for
-    messages. `write` replaces the format's own writer.
+    messages.
 
     Raises
     ------
@@ -206,11 +185,14 @@ def export_table(
     ):
         draft = Path(folder) / file_name(section)
         report_progress(f"writing {rows.count} rows")
-        (write or settings.form.write)(draft, rows, settings)
+        settings.form.write(draft, rows, settings)
         more = _write_companions(draft, rows, settings)
         check = read_back(draft, settings)
-        if not check.passed:
-            raise ExportError(path.name, check, settings)
+        if check.failures:
+            remedy = _remedy(check, settings)
+            kept = f"The file was not kept{remedy and f'; {remedy}'}."
+            message = f"{path.name}: {'; '.join(check.failures)}. {kept}"
+            raise ExportError(message, {"failures": list(check.failures)})
         digest = file_hash(draft)
         draft.replace(path)
         places = tuple(path.with_name(f"{path.stem}{ending}") for ending in more)

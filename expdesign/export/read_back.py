@@ -106,11 +106,6 @@ class ReadBack:
         """The limits that the machine breaks if it executes the file, in words."""
         return (*map(excess_in_words, self.certificate.broken), *self.single_cycles)
 
-    @property
-    def passed(self) -> bool:
-        """True when everything is within its tolerance."""
-        return not self.failures
-
 
 def read_back(path: Path, settings: Settings) -> ReadBack:
     """Read a file, execute it as its controller does, and hold it against design and limits."""

@@ -104,7 +104,7 @@ def test_what_a_refused_table_advises_helps(options, words, better, tmp_path):
     with pytest.raises(ExportError) as caught:
         export()
     assert not (tmp_path / "fine.dmc").exists()
-    (found,) = re.findall(words, caught.value.remedy)
+    (found,) = re.findall(words, caught.value.message)
     if better is not None:
         export(**better(found))
         assert (tmp_path / "fine.dmc").exists()
