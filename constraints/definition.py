@@ -167,15 +167,10 @@ class Limit:
         return cls(definition, -endless, endless, labels, "")
 
     def with_reserve(self, share: float) -> Limit:
-        """Return the limit with this share of its stated range kept free at every bound.
+        """Return the limit with a share, below 0.5, of its stated range kept free at every bound.
 
         Of a row with one bound the share is of the bound's size: of a bound of zero nothing.
         Without a reserve it is the limit as it is stated, to the last bit.
-
-        Parameters
-        ----------
-        share : float
-            0 ≤ share < 0.5: two bounds with half of their range each would meet.
         """
         lower, upper = self.stated_bounds
         if share == 0:
@@ -233,10 +228,7 @@ class Limit:
     def smooth_bounds(self, margin: Array | float = 0.0) -> tuple[Array, Array]:
         """Return lower and upper bounds on the rows in their smooth form.
 
-        Parameters
-        ----------
-        margin : (k,) or float
-            How far the natural bounds are drawn in first, as a share of `range`.
+        The natural bounds are drawn in first by the `margin`, (k,) or one, as a share of `range`.
         """
         draw = np.asarray(margin) * self.range
         lower, upper = self.lower + draw, self.upper - draw

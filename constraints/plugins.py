@@ -28,19 +28,9 @@ def declarations(
 ) -> tuple[Kind, ...]:
     """Return the instances of a class that a package's modules and all plug-ins declare.
 
-    Every instance that a module binds to a public name counts, and every one in a tuple or list
-    bound to such a name. Each is returned once, in alphabetical order of the modules, those of the
-    package first.
-
-    Parameters
-    ----------
-    kind : type
-        Class of the declarations, such as `LimitDefinition`.
-    package : module or str, optional
-        Package whose modules are searched before the plug-ins. Its name serves a caller on a lower
-        floor of the architecture.
-    *names : str
-        Names of the attributes that count; by default all public ones.
+    Every instance that a module binds to a public name, or to one of `names`, counts, and every one
+    in a tuple or list bound to it. Each is returned once, in alphabetical order of the modules,
+    those of the package first. Its name serves a caller on a lower floor of the architecture.
 
     Examples
     --------

@@ -32,23 +32,10 @@ def interruptible(
 ) -> Iterator[Callable[[], bool]]:
     """Treat an interruption as a request to stop, and a further Ctrl-C as the end.
 
-    Parameters
-    ----------
-    note : callable
-        Receives the messages.
-    kept : str
-        Part of the first message: "finished repetitions are kept".
-    abandons : str
-        Effect of a further Ctrl-C, for the first message: "discards the design"; empty: not
-        mentioned.
-    abandoned : str
-        Message after a further Ctrl-C; empty: none.
-
-    Yields
-    ------
-    callable
-        Returns whether to stop. Other threads than the main one receive no signals: there it
-        always returns False.
+    It provides a function that returns whether to stop, in other threads than the main one always
+    False, since these receive no signals. `note` receives the first message, with what is `kept`
+    ("finished repetitions are kept") and what a further Ctrl-C `abandons` ("discards the design";
+    empty: not mentioned), and after that one the text `abandoned`, if there is any.
     """
     stop = threading.Event()
 
@@ -86,12 +73,8 @@ def raise_interruptions(while_importing: Callable[[], Any]) -> Iterator[None]:
     """Let every interruption raise `KeyboardInterrupt`, not only Ctrl-C.
 
     An exception in code that cannot raise, such as the finaliser of an object, is raised later.
-
-    Parameters
-    ----------
-    while_importing : callable
-        Ends the process during the import of a module. There an exception would leave half a
-        module behind, become another exception, or be lost in C code.
+    During the import of a module `while_importing` ends the process: an exception would leave half
+    a module behind, become another exception, or be lost in C code.
     """
 
     def raise_later(what: sys.UnraisableHookArgs) -> None:

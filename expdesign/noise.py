@@ -76,19 +76,9 @@ class NoiseSpectrum:
     def at(self, frequencies: Array, sampling: float, samples: float) -> Hermitian:
         """Return S, (L, 6, 6), the square of the channels' unit.
 
-        Parameters
-        ----------
-        frequencies : (L,)
-            Hz, of either sign.
-        sampling : float
-            Of the samples, Hz.
-        samples : float
-            Of the whole recording, whose resolution is width and height of a hum's line.
-
-        Raises
-        ------
-        ValueError
-            The spectrum is not known up to half of the sampling.
+        Frequencies, (L,), Hz, have either sign; the spectrum has to be known up to half of the
+        `sampling` rate, Hz. The resolution of a recording of so many `samples` is width and height
+        of a hum's line.
         """
         return self.values(frequencies, sampling, samples).value
 

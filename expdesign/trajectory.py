@@ -317,21 +317,10 @@ class KnownHum:
 def round_period(
     omega: float, bounds: tuple[float, float], step: float, hum: KnownHum | None = None
 ) -> tuple[float, int]:
-    """Return the nearest ω with a period of whole controller steps, and their number.
+    """Return the nearest ω, rad/s, with a period of whole controller steps, s, and their number.
 
     If another one within `FARTHEST` keeps the multiples of ω away from every hum, it is preferred.
-
-    Parameters
-    ----------
-    omega : float
-        rad/s, within the bounds.
-    step : float
-        Controller step, s.
-
-    Raises
-    ------
-    ValueError
-        No whole number of steps fits between the bounds.
+    If no whole number of steps fits between the bounds, it is a `ValueError`.
 
     Examples
     --------

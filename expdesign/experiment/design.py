@@ -113,15 +113,8 @@ def find_motion(
 ) -> FoundMotion:
     """Search for the motion of a run.
 
-    Parameters
-    ----------
-    configuration : RunConfiguration
-    monitor : Monitor
-    journal : JobJournal, optional
-    others : sequence of FourierTrajectory, optional
-        Other motions of the experiment; those of `design.others` by default.
-    origin : FourierTrajectory, optional
-        Motion to be improved, instead of random starts.
+    `others` are the other motions of the experiment, by default those of `design.others`. With an
+    `origin` that motion is improved, instead of random starts.
     """
     if all(limit.is_default for limit in configuration.robot.limits.values()):
         raise InputError(

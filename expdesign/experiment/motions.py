@@ -164,30 +164,10 @@ def design_motions(
     searching: Searching,
     journal: JobJournal | None = None,
 ) -> tuple[MotionsResult, list[result.DesignResult]]:
-    """Design the motions of a run.
+    """Design the motions of a run, in folders of `folder`, and return the whole and each of them.
 
-    Parameters
-    ----------
-    configuration : RunConfiguration
-    folder : Path
-        The run folder, for the names of the motions' folders.
-    searching : callable
-        Shows the search of a motion; its monitor may request a stop.
-    journal : JobJournal, optional
-        Keeps the results of starts and hops, from which an interrupted design continues.
-
-    Returns
-    -------
-    MotionsResult
-    list of DesignResult
-        The motions.
-
-    Raises
-    ------
-    InputError, SingularInformationError, InfeasibleLimitsError, NoDesignError
-        As of `expdesign.design`.
-    StoppedError
-        A request to stop came before every motion had a design.
+    `searching` shows each search; a request to stop of its monitor before every motion has a design
+    is a `StoppedError`.
     """
     ascent = _Ascent(motion_runs(configuration, folder), searching, journal)
     for _ in ascent.runs:

@@ -101,18 +101,8 @@ def next_run(folders: Sequence[Path], design: Path | None = None) -> RunConfigur
 
     Its recordings are new, `trajectory` is that of the executed design's run, and everything else
     that of the folder's `run.yaml`. The priors of the folders' own designs count as well, unless an
-    estimate contains their recordings.
-
-    Parameters
-    ----------
-    folders : sequence of Path
-    design : Path, optional
-        Folder or file of the executed design; by default that of the last folder's estimate.
-
-    Raises
-    ------
-    InputError
-        A folder has no estimate, or its run is a sweep or judges a change.
+    estimate contains their recordings. By default the executed `design`, a folder or file, is that
+    of the last folder's estimate. A run that is a sweep or judges a change is refused.
     """
     folder = folders[-1]
     if not (folder / RUN_FILE).is_file():

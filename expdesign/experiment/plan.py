@@ -208,11 +208,6 @@ def goals_of_design(result: DesignResult) -> tuple[PlannedGoal, ...]:
 
     The floor is the share of the tolerances in the design's own experiment. With estimated
     tolerances it falls with further periods, of which fewer are then sufficient.
-
-    Raises
-    ------
-    InputError
-        A goal is unknown, not determined by the design, or has a wrong unit.
     """
     run, derived, own = result.configuration.run, result.derived, result.parameters
     every: list[KnownQuantity | ParameterPrecision] = [*derived, *own]
@@ -288,11 +283,6 @@ def check_goals(configuration: RunConfiguration, wanted: Mapping[str, Any] | Non
     """Check names, units and signs of goals, which needs no motion.
 
     By default the goals are those of the run file, otherwise those of ``--want``.
-
-    Raises
-    ------
-    InputError
-        A goal is unknown or has a wrong unit.
     """
     if not (goals := configuration.run.goals if wanted is None else wanted):
         return
@@ -407,12 +397,8 @@ class Prediction(_Quantities):
     def fewest_periods(self, excess: Callable[[ErrorShares], float]) -> float:
         """Return the smallest sufficient number of periods; NaN if the longest time is not enough.
 
-        The errors fall with it. It is 0 if earlier recordings are sufficient.
-
-        Parameters
-        ----------
-        excess : callable
-            Ratio of a predicted to a wanted standard deviation, at most 1 if sufficient.
+        It is sufficient where `excess`, the ratio of a predicted to a wanted standard deviation, is
+        at most 1; the errors fall with it. It is 0 if earlier recordings are sufficient.
         """
         if excess(self.errors(self.longest())) > 1:
             return np.nan

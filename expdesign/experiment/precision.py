@@ -119,12 +119,7 @@ def predicted_errors(
 ) -> ErrorShares:
     """Return the errors of the judged parameters, k, in the whole experiment, by source.
 
-    Parameters
-    ----------
-    information : (k, k)
-        F of the whole experiment.
-    samples : int
-        Number of its samples.
+    `information`, (k, k), is its F over so many samples.
     """
     effects = experiment_tolerance_effects(configuration, evaluator, trajectory)
     random = fisher.parameter_covariance(information, evaluator.names)
@@ -339,14 +334,9 @@ class ToleranceEffects:
     def shares(self, random: Array, samples: float, *, estimated: bool) -> ErrorShares:
         """Return the errors of an experiment with so many samples.
 
-        Parameters
-        ----------
-        random : (k, k)
-            Covariance due to noise with exact tolerances, SI, with the earlier recordings.
-        samples : float
-        estimated : bool
-            Whether the inexact quantities are estimated with the parameters, by their tolerances as
-            priors.
+        `random`, (k, k), is the covariance due to noise with exact tolerances, SI, with the earlier
+        recordings. If `estimated`, the inexact quantities are estimated with the parameters, by
+        their tolerances as priors.
         """
         if self.earlier is not None and self.joint is not None and self.sources:
             count = len(self.response)
@@ -423,23 +413,12 @@ def tolerance_effects(
     *,
     change: Marginal | None = None,
 ) -> ToleranceEffects:
-    """Return the effects of the tolerances on a motion's parameters.
+    """Return the effects of the tolerances on the parameters of a motion and an evaluator.
 
     They are evaluated at the nominal parameters, with exact signs of friction, whose changes are
-    neglected; the response has weights for white noise.
-
-    Parameters
-    ----------
-    evaluator : Evaluator
-        Robot, noise of the forces and names of the estimated parameters; the others are known.
-    samples : int
-        Samples of one period.
-    length_covariance : (6, 6) or None
-        Δ, m²; None: equal weights of all lengths.
-    harmonics : int, optional
-        Harmonics of the estimated motion, by default those of the motion.
-    change : Marginal, optional
-        Change since an identification: the names are then those of the changed parameters.
+    neglected; the response has weights for white noise. Without a `length_covariance`, Δ (6, 6),
+    m², all lengths have equal weights. For the `change` since an identification the evaluator's
+    names are those of the changed parameters.
     """
     robot, names, memory = evaluator.robot, evaluator.names, evaluator.memory
     chosen = deviation.toleranced_deviations(robot)

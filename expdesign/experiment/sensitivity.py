@@ -115,12 +115,7 @@ def _sensitivity(plan: SearchPlan, x: Array, near: float) -> LimitSensitivity:
 def balance_gradients(slope: Array, slopes: Array) -> tuple[Array, float]:
     """Return multipliers λ ≥ 0 that minimise ‖∇c + Σ λᵢ ∇vᵢ‖, and the residual's share of ‖∇c‖.
 
-    Parameters
-    ----------
-    slope : (z,)
-        ∇c.
-    slopes : (r, z)
-        ∇vᵢ in rows.
+    `slope`, (z,), is ∇c, the rows of `slopes`, (r, z), are ∇vᵢ.
 
     Examples
     --------

@@ -31,11 +31,7 @@ def plan_search(
 ) -> SearchPlan:
     """Return the problem and the plan of a run's search; every worker process builds it once.
 
-    Parameters
-    ----------
-    configuration : RunConfiguration
-    others : sequence of FourierTrajectory, optional
-        Other motions of the experiment; those of `design.others` by default.
+    The `others` of the experiment's motions are by default those of `design.others`.
 
     Examples
     --------

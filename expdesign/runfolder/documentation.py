@@ -36,14 +36,7 @@ _FURTHER = re.compile(r"<!-- further files -->\n.*?<!-- end of further files -->
 
 
 def documented_page(page: str, results: Iterable[type[JsonFile]]) -> str:
-    """Return a page of the manual with the tables of all files of the results.
-
-    Parameters
-    ----------
-    page : str
-        The page in Markdown, with markers.
-    results : iterable of type
-    """
+    """Return a page in Markdown, with markers, with the tables of all files of the results."""
     tables = dict(file_tables(results))
     named = {found["file"] for found in _BLOCK.finditer(page)}
     further = "".join(f"### {file}\n\n{tables[file]}\n" for file in tables if file not in named)

@@ -76,13 +76,7 @@ def cached_by_type(function: Callable[[Any], Value]) -> Callable[[Any], Value]:
 
 @cached_by_type
 def field_columns(record: type[Any]) -> tuple[tuple[str, tuple[Column, ...]], ...]:
-    """Return every field of a frozen dataclass with its columns: names, units and meanings.
-
-    Raises
-    ------
-    TypeError
-        A field is not described.
-    """
+    """Return every field of a frozen dataclass, each described, with its columns."""
     hints, columns = get_type_hints(record, include_extras=True), []
     for name in (field.name for field in fields(record)):
         found: list[Column] = []
@@ -204,14 +198,7 @@ def wrong_shape(
 ) -> Iterator[Problem]:
     """Yield a problem for an array of another shape than the file requires; none for None.
 
-    Parameters
-    ----------
-    key : str
-        Key of the array.
-    numbers : array or None
-    shape : tuple of int
-    of : str
-        Entries that determine the shape, in words.
+    `of` are the entries that determine the shape, in words.
     """
     if numbers is not None and numbers.shape != shape:
         found, wanted = (" × ".join(map(str, each)) for each in (numbers.shape, shape))

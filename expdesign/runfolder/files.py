@@ -56,12 +56,7 @@ def atomic_write(path: Path, mode: int = 0o666) -> Iterator[Path]:
     """Provide a temporary path in the folder of `path`; rename it to `path` on success.
 
     Temporary files of processes that were killed are removed from the folder first. The umask
-    restricts the `mode`.
-
-    Raises
-    ------
-    OSError
-        The file cannot be written; `filename` is that of `path`.
+    restricts the `mode`. A failure is an `OSError` with the name of `path`.
     """
     with errors_naming(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -134,14 +129,7 @@ def _as_list(value: Any) -> Any:
 
 
 class MissingFileError(InputError):
-    """A required file is missing from the run folder.
-
-    Parameters
-    ----------
-    path : Path
-    remedy : str
-        The command that writes it.
-    """
+    """A required file is missing from the run folder; the remedy is the command that writes it."""
 
     def __init__(self, path: Path, remedy: str) -> None:
         super().__init__(Problem("there is no such file", path, allowed=remedy))
@@ -152,13 +140,7 @@ class MissingFileError(InputError):
 
 
 def read_mapping(path: Path, allowed: str = "a JSON file that expdesign wrote") -> dict[str, Any]:
-    """Read a JSON file with a mapping at its top.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is too large, is not JSON, or holds something else.
-    """
+    """Read a JSON file with a mapping at its top; anything else is an `InputError`."""
     text = read_text(path, LARGEST_FILE, allowed)
 
     def mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -182,13 +164,7 @@ def read_mapping(path: Path, allowed: str = "a JSON file that expdesign wrote") 
 
 
 def check_format(path: Path, found: object, current: int) -> None:
-    """Refuse a file of another version by its format number.
-
-    Raises
-    ------
-    InputError
-        `found` is not the current number.
-    """
+    """Refuse a file of another version by its format number."""
     try:
         format_number(found, current)
     except PydanticCustomError as refused:

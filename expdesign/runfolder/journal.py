@@ -27,27 +27,12 @@ def _check(data: dict[str, Any]) -> str:
 class Journal(Generic[Entry, Key]):
     """Finished parts of a computation, one line each, in the order of their ends.
 
-    Numbers that JSON does not have are texts. The first line has a hash of the inputs,
-    each other line one of its content. From an incomplete or changed line on, the parts are done
-    again.
+    Numbers that JSON does not have are texts. The first line has a hash of the inputs, each other
+    line one of its content. From an incomplete or changed line on, the parts are done again. A
+    journal of other inputs, or one not to be kept, counts as empty: the first part that is added
+    replaces it.
 
-    Parameters
-    ----------
-    path : Path
-    inputs : str
-        Hash of the inputs. A journal of other inputs counts as empty; the first part that is added
-        replaces it.
-    kind : type
-        Frozen dataclass of a part.
-    key : callable
-        Returns the key of a part.
-    keep : bool
-        Use the parts in the file; otherwise the first one that is added replaces it.
-
-    Attributes
-    ----------
-    done : dict
-        The parts by key.
+    A part is of the frozen dataclass `kind`; `done` has the parts by their `key`.
     """
 
     def __init__(

@@ -48,13 +48,8 @@ class Holder(JsonFile):
 def one_writer(folder: Path, command: str) -> Iterator[None]:
     """Hold the lock of a run folder; create the folder, and remove it again if it stays empty.
 
-    The lock of a process that died is free. The run folders of a sweep's designs are locked
-    together with the sweep's own.
-
-    Raises
-    ------
-    InputError
-        Another command writes to the folder.
+    The lock of a process that died is free, that of another command is refused. The run folders of
+    a sweep's designs are locked together with the sweep's own.
 
     Examples
     --------
@@ -82,11 +77,6 @@ def one_writer_to(
 
     Outside of run folders others may write other files than `name`. It provides the context in
     which the run folder `source` is read: another command may write to it, unless its lock is held.
-
-    Raises
-    ------
-    InputError
-        Another command writes there.
     """
     source = None if source is None else source.resolve()
     # A folder of the run folder may be a link out of it; with `..` only the real path counts.
@@ -155,11 +145,6 @@ def consistent_reading(*folders: Path) -> Iterator[None]:
     """Fail if another command writes to a folder, or has written before the end of this context.
 
     A command writes its manifest last; in between it holds the lock.
-
-    Raises
-    ------
-    ComputationError
-        A folder is locked, or its manifest has changed since the beginning.
     """
     before = [_manifest_if_unlocked(folder) for folder in folders]
     yield

@@ -180,16 +180,7 @@ class FolderChanges:
 def find_changes(
     folder: Path, manifest: Manifest | None, stages: Mapping[str, WatchedStage]
 ) -> FolderChanges:
-    """Return the changes in a run folder that none of its commands has made.
-
-    Parameters
-    ----------
-    folder : Path
-    manifest : Manifest or None
-        That of the folder.
-    stages : mapping of str to WatchedStage
-        By name.
-    """
+    """Return the changes in a run folder that none of its commands has made."""
     if manifest is None:
         unknown = (f"there is no usable {Manifest.FILE}: changes by hand are not known",)
         held = (name for name, stage in stages.items() if (folder / stage.file).exists())

@@ -104,20 +104,10 @@ class JsonFile:
 
     @classmethod
     def read(cls, place: Path) -> Self:
-        """Read the file.
+        """Read the file, of a run folder or at its own path.
 
-        Parameters
-        ----------
-        place : Path
-            A run folder, or the file itself.
-
-        Raises
-        ------
-        MissingFileError
-            The file is missing.
-        InputError
-            The file is not JSON or was made by another version, a key is missing or has a wrong
-            value, or keys contradict each other; every problem with file and key.
+        Every problem, such as another version, a missing key, a wrong value or a contradiction, is
+        in one `InputError` with file and key; a missing file is a `MissingFileError`.
         """
         path = place / cls.FILE if place.is_dir() else place
         found = cls(**stored_values(cls, read_keys(cls, path)))
@@ -135,13 +125,7 @@ class JsonFile:
 
     @classmethod
     def known(cls, place: Path) -> Self | None:
-        """Read the file; return None where it is missing or unusable.
-
-        Raises
-        ------
-        InputError
-            Another version made it.
-        """
+        """Read the file; return None where it is missing or unusable; refuse another version."""
         try:
             return cls.read(place)
         except InputError as error:
@@ -226,13 +210,7 @@ class StageResult(JsonFile):
 
 @cached_by_type
 def members(kind: type[Any]) -> tuple[Member, ...]:
-    """Return the annotated fields of a result and its annotated properties, in their order.
-
-    Raises
-    ------
-    TypeError
-        A field has no annotation.
-    """
+    """Return the annotated fields of a result and its annotated properties, in their order."""
     hints, found = get_type_hints(kind, include_extras=True), []
     for field in fields(kind):
         marks = _marks(hints[field.name])

@@ -73,13 +73,8 @@ class CsvFile(Generic[Written, Found]):
     def read(self, folder: Path) -> Found:
         """Read the table of a run folder.
 
-        Raises
-        ------
-        MissingFileError
-            The folder has no such file.
-        InputError
-            The file is not a table, was made by another version, lacks columns or rows, or a cell
-            is not of its kind: with line and column.
+        A missing file is a `MissingFileError`. Another version, missing columns or rows, and a cell
+        that is not of its kind are an `InputError`, with line and column.
         """
         raise NotImplementedError
 
@@ -193,22 +188,9 @@ class RowTable(CsvFile[Iterable[Row], tuple[Row, ...]], Generic[Row]):
     def refuse_other_rows(
         self, folder: Path, rows: Sequence[Row], wanted: Sequence[tuple[object, ...]], source: str
     ) -> None:
-        """Refuse rows that contradict another file, at the first difference.
+        """Refuse rows that contradict another file, at the first difference, with line and column.
 
-        Parameters
-        ----------
-        folder : Path
-            The run folder of the table.
-        rows : sequence
-        wanted : sequence of tuple
-            The values of `rows_of`, row by row.
-        source : str
-            The file that states them.
-
-        Raises
-        ------
-        InputError
-            The rows are others, more, fewer, or in another order: with line and column.
+        `wanted` has the values of `rows_of`, row by row, as the file `source` states them.
         """
         names = [c.name for name, (c,) in field_columns(self.row) if name in self.rows_of]
         found = [tuple(getattr(row, name) for name in self.rows_of) for row in rows]

@@ -140,10 +140,8 @@ def _constant_channels(recordings: Sequence[Measurement]) -> list[str]:
 def check_channels_of(work: Workspace, data: Measurement) -> tuple[ChannelCheck, list[str], str]:
     """Check the channels of the recording of a workspace.
 
-    Returns
-    -------
-    ChannelCheck, list of str, str
-        With remarks on the time and the motion, and the reason if no motion has the lengths.
+    The check comes with remarks on the time and the motion, and the reason if no motion has the
+    lengths.
     """
     configuration = work.configuration
     (file,), (design,) = work.data_files(), work.recorded_designs(1)

@@ -63,16 +63,9 @@ def execute(stage: Stage, work: Workspace) -> Outcome:
     """Do a stage, keep its configuration in the folder and write its entry to the manifest.
 
     A stage that fails leaves `run.yaml` as it was, since nothing there was made from its
-    configuration. Files of an earlier run stay, but the manifest no longer vouches for them.
-
-    Raises
-    ------
-    InputError
-        An input is missing or unusable, or the folder cannot be written to.
-    StageFailed
-        The stage failed or was interrupted, or its result breaks a limit.
-    KeyboardInterrupt
-        An interruption came, and the stage is complete or nothing of it is kept.
+    configuration. Files of an earlier run stay, but the manifest no longer vouches for them. A
+    failure, an interruption and a broken limit are a `StageFailed`, after the files are written. A
+    `KeyboardInterrupt` comes once the stage is complete, or when nothing of it is kept.
     """
     work.inputs[stage.name] = input_hash(stage, work)
     work.origins[stage.name] = origins(stage, work)

@@ -128,13 +128,7 @@ def _export_all(
 
 
 def export_path(section: ExportSection, work: Workspace, out: Path | None) -> Path:
-    """Return the path of a table, ``exports/`` of the run folder by default; refuse unusable ones.
-
-    Raises
-    ------
-    InputError
-        A library is missing, the file cannot have this name, or it is in another run folder.
-    """
+    """Return the path of a table, by default in ``exports/`` of the run folder; refuse others."""
     refuse_missing_library(section)
     target = work.folder / FOLDER
     path = target / file_name(section) if out is None else out.absolute()
@@ -152,19 +146,7 @@ def export_path(section: ExportSection, work: Workspace, out: Path | None) -> Pa
 def export_one(
     stage: Stage, section: ExportSection, work: Workspace, task: Task, path: Path
 ) -> Outcome:
-    """Write one table, as `expdesign export` does.
-
-    Parameters
-    ----------
-    stage : Stage
-    section : ExportSection
-    work : Workspace
-        Workspace of the run folder with the design.
-    task : Task
-        Of that folder, from `export_task`.
-    path : Path
-        From `export_path`.
-    """
+    """Write one table of a run folder's `export_task` to an `export_path`."""
     target = work.folder / FOLDER
     in_folder = path.parent.resolve() == target.resolve()
     with progress_prefix(path.name):

@@ -19,13 +19,7 @@ __all__ = ["Measurement", "load_measurement", "recordings_of"]
 
 
 def recordings_of(work: Workspace) -> list[Measurement]:
-    """Return the recordings of a workspace; each is read once.
-
-    Raises
-    ------
-    InputError
-        A file cannot be used, or all of them have too many samples.
-    """
+    """Return the recordings of a workspace, each read once; refuse too many samples."""
     found: list[Measurement] = []
     for file in track("reading recordings", work.data_files()):
         if file not in work.recordings:

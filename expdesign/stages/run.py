@@ -146,16 +146,7 @@ def _do_stage(stage: Stage, work: Workspace) -> None:
 
 
 def folder_changes(folder: Path, configuration: RunConfiguration, *names: str) -> Iterator[str]:
-    """Yield the changes by hand in a run folder that concern stages, in sentences.
-
-    Parameters
-    ----------
-    folder : Path
-    configuration : RunConfiguration
-        That of the folder.
-    names : str
-        The stages; all by default.
-    """
+    """Yield the changes by hand in a run folder that concern stages, all by default."""
     stages = reported_stages()
     changes = RunFolder(folder, stages, configuration, Manifest.known(folder)).changes
     found = (*changes.folder, *changes.of(*names))

@@ -44,20 +44,9 @@ class ClusterError(ComputationError):
 class JobJournal:
     """Results of the named jobs of a computation that is the same whenever it is done again.
 
-    Parameters
-    ----------
-    path : Path
-    inputs : str
-        Hash of everything that the jobs depend on.
-    kind : type
-        Frozen dataclass of the results.
-    resume : bool
-        Use the results in the file; otherwise it begins anew.
-
-    Attributes
-    ----------
-    prefix : str
-        Prefix of the names: the part of the computation that is done now.
+    `inputs` is the hash of everything that the jobs depend on, `kind` the frozen dataclass of the
+    results; without `resume` the file begins anew. The `prefix` of the names is the part of the
+    computation that is done now.
     """
 
     def __init__(self, path: Path, inputs: str, kind: type[Any], *, resume: bool) -> None:
@@ -100,29 +89,15 @@ def _recall(built: Any, monitor: Monitor, job: Job, result: Any) -> Any:
 class JobRunner:
     """Runs jobs in local processes or on a Dask cluster, and adds up their processor time.
 
-    When the cluster is lost the jobs that did not end count as stopped; those that run even after
-    a stop are done in this process.
+    When the cluster is lost the jobs that did not end count as stopped; those that run even after a
+    stop are done in this process. `build` makes the first argument of every job, once per process.
+    A `scheduler` is the address of a cluster, used instead of so many local `workers`. Events of
+    local jobs are all reported, at once; a job on a cluster reports when it ends those that
+    `keep_event` selects. Both functions are picklable. The `journal` keeps the results of named
+    jobs that no stop has cut short; known ones are not done again.
 
-    Parameters
-    ----------
-    build : callable
-        Picklable; builds the first argument of every job, once per process.
-    workers : int
-        Number of local processes.
-    scheduler : str, optional
-        Address of a Dask cluster, used instead of local processes.
-    keep_event : callable, optional
-        Picklable; selects the events that a job on a cluster reports when it ends. Events of local
-        jobs are all reported, at once.
-    journal : JobJournal, optional
-        Keeps the results of named jobs that no stop has cut short; known ones are not done again.
-
-    Attributes
-    ----------
-    cpu_seconds : float
-        Processor time of all jobs so far whose results were used, each once.
-    lost : ClusterError or None
-        The end of the cluster.
+    `cpu_seconds` is the processor time of all jobs so far whose results were used, each once,
+    `lost` the end of the cluster.
     """
 
     def __init__(
@@ -150,15 +125,9 @@ class JobRunner:
     ) -> Iterator[Any]:
         """Yield the results of jobs in the order of every lane; of fewer after a request to stop.
 
-        Parameters
-        ----------
-        after_stop : bool
-            Whether jobs begin even after a request to stop.
-        then : callable, optional
-            Gets every result, in the order of a lane, and may return a further job.
-        foresee : callable, optional
-            Local workers without another job do the jobs that it returns ahead; their results are
-            used by this and later calls with `foresee`.
+        With `after_stop` jobs begin even after such a request. `then` gets every result, in the
+        order of a lane, and may return a further job. Local workers without another job do the jobs
+        ahead that `foresee` returns; their results are used by this and later calls with `foresee`.
         """
         for done in self._done(jobs, monitor, after_stop, then, foresee):
             self.cpu_seconds += done.seconds
@@ -232,14 +201,9 @@ class JobRunner:
     ) -> None:
         """Run a job in this process; `run` with `foresee` then knows its result.
 
-        Parameters
-        ----------
-        built : Any
-            Its first argument. The job may have other ones run.
-        companions : sequence of Job
-            Jobs of workers at the same time; their results are then known, too.
-        foresee : callable
-            The job ends early, without a result, if it is not among these jobs then.
+        `built` is its first argument; the job may have other ones run. Workers do the `companions`
+        at the same time; their results are then known, too. If the job is not among those that
+        `foresee` returns then, it ends early, without a result.
         """
         self._ahead.end_all_but(one.content for one in companions)
         self._companions = len(companions)
@@ -390,28 +354,11 @@ def cluster_jobs(
 ) -> Generator[Any, None, None]:
     """Run jobs on the cluster of a scheduler; yield their results in the order of their ends.
 
-    Workers import this package: they need the same versions. A worker does one job at a time,
-    whatever its number of threads. The jobs' monitor is silent.
-
-    Parameters
-    ----------
-    address : str
-        ``tcp://host:port``.
-    build : callable
-        Picklable; builds the first argument of every job, once per process.
-    jobs : deque
-        Taken from its beginning; jobs appended later are done as well.
-    stop_requested : callable
-        Called every second; True cancels the jobs under way.
-
-    Raises
-    ------
-    InputError
-        Dask is not installed.
-    ClusterError
-        The scheduler cannot be reached or is lost, or there are no workers.
-    Exception
-        An exception of a job.
+    The address is ``tcp://host:port``. Workers import this package: they need the same versions. A
+    worker does one job at a time, whatever its number of threads. Jobs are taken from the beginning
+    of `jobs`; those appended later are done as well. Their monitor is silent, and their exceptions
+    are raised here. `build`, picklable, makes the first argument of every job, once per process.
+    Every second `stop_requested` is called; True cancels the jobs under way.
     """
     client_class, killed = _library()
     with _quiet():

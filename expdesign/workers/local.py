@@ -50,35 +50,19 @@ def run_jobs(
     """Run jobs in up to `workers` processes; yield their results in the jobs' order, lane by lane.
 
     Processes have one BLAS thread each. They stay for the next jobs, with the objects that they
-    have built, and they end with this process.
+    have built, and they end with this process; with one worker everything runs in this process.
+    `build`, picklable, makes the first argument of every job, once per process. The monitor
+    receives the events of all jobs; its request to stop reaches them between two iterations. Jobs
+    begin even then with `after_stop`, such as those that save results; otherwise fewer results are
+    yielded. An exception of a job is raised here, and a process that ended without a result is a
+    `WorkerDiedError`.
 
-    Parameters
-    ----------
-    build : callable
-        Picklable; builds the first argument of every job, once per process.
-    workers : int
-        1: everything runs in this process.
-    monitor : Monitor
-        Receives the events of all jobs; its request to stop reaches them between two iterations.
-    after_stop : bool
-        Whether jobs begin even after a request to stop, such as those that save results.
-        Otherwise fewer results are yielded.
-    then : callable, optional
-        Gets every result, in the order of the jobs of a lane, before it is yielded, in the thread
-        of the caller. A job that it returns is added at the end, unless a stop was requested.
-    ahead : JobsAhead, optional
-        Workers of jobs ahead; they go on when these jobs are done.
-    foresee : callable, optional
-        Returns the jobs to be done ahead by workers that have no other job, with their keys. It
-        gets whether they will have none for long, and is called in the thread of the caller after
-        results, at least ten times a second.
+    `then` gets every result, in the order of the jobs of a lane, before it is yielded, in the
+    thread of the caller. A job that it returns is added at the end, unless a stop was requested.
 
-    Raises
-    ------
-    WorkerDiedError
-        A process ended without a result.
-    Exception
-        An exception of a job.
+    Workers of jobs `ahead` go on when these jobs are done. `foresee` returns the jobs to be done
+    ahead by workers that have no other job, with their keys. It gets whether they will have none
+    for long, and is called in the thread of the caller after results, at least ten times a second.
     """
     recipe = pickle.dumps(build)
     used = min(workers, len(jobs))
@@ -315,12 +299,8 @@ _KEPT = 0.8 * IDLE_SECONDS
 class WorkerProcess:
     """A process that does one job at a time, with a connection to it.
 
-    The end of this process closes the connection, and that ends the worker.
-
-    Parameters
-    ----------
-    recipe : bytes
-        Pickled function that builds the object of the first jobs, before the worker starts.
+    The end of this process closes the connection, and that ends the worker. The recipe, a pickled
+    function, builds the object of the first jobs before the worker starts.
     """
 
     def __init__(self, recipe: bytes) -> None:
@@ -608,12 +588,7 @@ def run_isolated(program: str, path: Path) -> bytes | None:
     """Return the output of a Python program on a file, ``sys.argv[1]``; None if it fails.
 
     It runs in a separate process with 4 GB of memory, for libraries that trust the sizes in a file:
-    one wrong byte may crash them or exhaust the memory.
-
-    Raises
-    ------
-    EndlessError
-        The program does not end within 300 s.
+    one wrong byte may crash them or exhaust the memory. After 300 s it is an `EndlessError`.
     """
     try:
         child = subprocess.run(

@@ -44,23 +44,9 @@ def write_comparison(
 ) -> tuple[list[Path], list[StageView]]:
     """Write `report.html`, `tables/` and `figures/` of run folders; return files and views.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        Two or more run folders.
-    out : Path
-        Another folder.
-    stages : mapping of str to ViewedStage
-        Stages in the order of their sections; those with a `compared` table are compared.
-    precision : float
-        Relative standard deviation for which the periods of designs are counted.
-    quick : bool
-        Whether the costs of limits are left out, which take one local solve per design.
-
-    Raises
-    ------
-    InputError
-        The folders cannot be compared, or a file of one is missing or invalid.
+    The folders, two or more, are compared in the stages that have a `compared` table, in their
+    order. Periods of designs are counted for the relative standard deviation `precision`; a `quick`
+    comparison leaves out the costs of limits, which take one local solve per design.
     """
     if out.resolve() in {path.resolve() for path in paths}:
         raise InputError(
@@ -136,11 +122,7 @@ def _page(folders: Mapping[str, RunFolder], views: Sequence[StageView], out: Pat
 def open_folders(paths: Sequence[Path], stages: Mapping[str, ViewedStage]) -> dict[str, RunFolder]:
     """Open run folders by the shortest ends of their paths that differ.
 
-    Raises
-    ------
-    InputError
-        Fewer than two folders, a folder named twice, a folder without a run, or one without a stage
-        that is compared.
+    Two or more are needed, each with a run and a stage that is compared, and none named twice.
     """
     compared = [name for name, stage in stages.items() if stage.compared]
     problems = []

@@ -58,23 +58,8 @@ def write_report(
     """Write `report.html` and `tables/*.tex` into a run folder; return the files.
 
     The same folder gives the same bytes. Figures without a file in a format of `report.figures` are
-    drawn.
-
-    Parameters
-    ----------
-    path : Path
-    stages : mapping of str to ViewedStage
-        Stages in the order of their sections.
-    configuration : RunConfiguration, optional
-        Run whose `report` section is used; by default the folder's `run.yaml`, which the last stage
-        has written.
-    results : iterable
-        Results in memory, such as a `DesignResult`; they are not read again.
-
-    Raises
-    ------
-    InputError
-        The folder is no run folder, or a file of it is missing or invalid.
+    drawn. The `report` section is by default that of the folder's `run.yaml`, which the last stage
+    has written. Stages are in the order of their sections; results in memory are not read again.
     """
     folder = RunFolder.open(path, stages, results)
     if configuration is not None:

@@ -37,19 +37,10 @@ _STYLES = {
 
 
 def print_view(view: StageView, console: Console, place: str = "", *, below: int = 0) -> None:
-    """Print the parts of a view that are for the screen.
+    """Print the parts of a view that are for the screen, and then the place of the result, if any.
 
-    Where the number of its lines is limited, the last tables have fewer rows.
-
-    Parameters
-    ----------
-    view : StageView
-    console : rich Console
-        Words are wrapped where it is a terminal, and never elsewhere.
-    place : str
-        Folder or file of the result, printed last; empty: none.
-    below : int
-        Number of lines that are printed below the view.
+    Where the number of its lines is limited, so many more being printed `below`, the last tables
+    have fewer rows. Words are wrapped where the console is a terminal, and never elsewhere.
     """
     if view.most_lines:
         view = _shorten(view, view.most_lines - below, console.width, place)

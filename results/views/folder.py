@@ -80,13 +80,7 @@ class RunFolder:
     def open(
         cls, path: Path, stages: Mapping[str, ViewedStage], results: Iterable[Any] = ()
     ) -> RunFolder:
-        """Open a run folder; results in memory are not read from its files.
-
-        Raises
-        ------
-        InputError
-            The folder is no run folder, or its `run.yaml` is not a valid run.
-        """
+        """Open a run folder, no other one; results in memory are not read from its files."""
         if not path.is_dir():
             wrong = "this is a file, not a folder" if path.is_file() else "there is no such folder"
             raise _refused(path, wrong)
@@ -157,13 +151,7 @@ class RunFolder:
         return self.path / self.stages[stage].file
 
     def result(self, kind: type[Result]) -> Result:
-        """Return the folder's result of a type, such as ``folder.result(DesignResult)``.
-
-        Raises
-        ------
-        InputError
-            Its files are missing or invalid.
-        """
+        """Return the folder's result of a type, such as ``folder.result(DesignResult)``."""
         if kind not in self.results:
             self.results[kind] = kind.read(self.path)
         found: Result = self.results[kind]

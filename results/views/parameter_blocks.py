@@ -88,15 +88,8 @@ def combination_blocks(
 ) -> tuple[Block, ...]:
     """Return the combinations of several parameters; nothing for a result that has none.
 
-    Parameters
-    ----------
-    key : str
-        Name of the table in the page.
-    found : sequence of KnownCombination
-    asked : iterable of str
-        The parameters that a design judges, or that were estimated.
-    most : int
-        Largest number of combinations that the terminal lists.
+    `key` is the name of the table in the page, `asked` are the parameters that a design judges, or
+    that were estimated. The terminal lists so many combinations at `most`.
     """
     together = [row for row in found if row.together]
     if not together:
