@@ -187,14 +187,15 @@ def summary(table: pd.DataFrame) -> str:
 
 
 def _row(machine: str, names: tuple[str, ...], shares: pd.Series) -> Row:
-    right = float(shares.get("right", 0.0))
+    right, doubtful = (float(shares.get(one, 0.0)) for one in ("right", "right, not certain"))
     wrong = float(shares.get("wrong as certain", 0.0))
-    holds = wrong == 0 and right >= (_LEAST_RIGHT if names else _LEAST_SILENT)
+    holds = wrong == 0 and right + doubtful >= (_LEAST_RIGHT if names else _LEAST_SILENT)
     return {
         "machine": machine,
         "faults": " and ".join(names) or "none",
         "right (%)": f"{100 * right:.3g}",
-        "not certain, or nothing said (%)": f"{100 * shares.get('silent', 0.0):.3g}",
+        "right, not certain (%)": f"{100 * doubtful:.3g}",
+        "nothing, or another not certain (%)": f"{100 * shares.get('silent', 0.0):.3g}",
         "wrong as certain (%)": f"{100 * wrong:.3g}",
         "holds": "yes" if holds else "no",
     }
@@ -203,7 +204,7 @@ def _row(machine: str, names: tuple[str, ...], shares: pd.Series) -> Row:
 def _draw(
     machine: str, names: tuple[str, ...], seed: int, *, with_design: bool, shot: bool = False
 ) -> str:
-    """Return the outcome of one draw: right, silent, or wrong as certain."""
+    """Return the outcome of one draw: right, certain or not, silent, or wrong as certain."""
     run = load_run({"name": "channels", "robot": _ROBOTS[machine], "data": {"offset": "home"}})
     robot = robot_from(run.robot)
     design = TrajectoryFile.read(_ROOT / "benchmarks" / "designs" / f"{machine}.json").trajectory
@@ -240,7 +241,8 @@ def _draw(
         found = replace(found, keys=window_keys(data) | found.keys)
     of_channels = set(names) - {"lost rows", "ramps"}
     # A lag that may be a delay, a filter or both is not in the section, but stated as not certain.
-    if (found.faults or of_channels) and (found.lag or not found.sure):
+    certain = not found.lag and (found.sure or not found.faults)
+    if not (found.faults if of_channels else certain):
         return "silent"
     corrected = load_run(
         {"name": "channels", "robot": _ROBOTS[machine], "data": found.corrected(section)}
@@ -257,7 +259,9 @@ def _draw(
         _WINDOW_ERROR: 0.0 if shot else np.maximum(np.maximum(early, late), 0) / _SAMPLES,
     }
     right = all(np.max(np.abs(each)) < most for most, each in errors.items())
-    return "right" if right else "wrong as certain"
+    if certain:
+        return "right" if right else "wrong as certain"
+    return "right, not certain" if right else "silent"
 
 
 def _record(
