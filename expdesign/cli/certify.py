@@ -28,6 +28,7 @@ from expdesign.configuration import (
 from expdesign.configuration.robot import load_robot_description
 from expdesign.enclosure.paths import EnclosedSeries
 from expdesign.export.certification import BROKEN, IN_PART, PROVED, PathCertificate
+from expdesign.export.definition import round_up
 from expdesign.export.result import FOLDER, RECORD, ExportResult
 from expdesign.export.table_file import certify_file, find_table_file, unlisted_files
 from expdesign.mechanism.hexapod import ACTUATORS, actuator_names
@@ -78,7 +79,7 @@ def certify_motions(
             parts = certified_motions(work)
         else:
             parts = [certified_table(work, path, piece=piece)]
-    verdict = worst_verdict(parts)
+    verdict = max((part.proof.verdict for part in parts), key=(PROVED, IN_PART, BROKEN).index)
     data = {
         "certified": verdict == PROVED,
         "verdict": verdict,
@@ -138,21 +139,11 @@ def _advice(parts: list[CertifiedPart], planned: ResolvedRobot, robot: str, *, m
     if not shares or max(shares.values()) >= _LARGEST_RESERVE:
         return f". What to do: {again}" if shares else ""
     known = ", if the controller gets the joints of the identified machine" if moved else ""
-    texts = (f"{key}: {_rounded_up(100 * share):g} %" for key, share in shares.items())
+    texts = (f"{key}: {round_up(100 * share):g} %" for key, share in shares.items())
     return (
         ". What to do: keep that much free and design again, `limits: {reserve: {"
         f"{', '.join(texts)}}}}}` in the run file; or{known}, {again}"
     )
-
-
-def _rounded_up(value: float) -> float:
-    """Return a positive number, rounded up to two digits.
-
-    >>> _rounded_up(0.0857), _rounded_up(12.01)
-    (0.086, 13.0)
-    """
-    unit = 10.0 ** (np.floor(np.log10(value)) - 1)
-    return float(f"{unit * np.ceil(value / unit):.2g}")
 
 
 def _print_certificates(parts: list[CertifiedPart]) -> None:
@@ -263,7 +254,7 @@ def certified_folder(work: Workspace) -> list[CertifiedPart]:
     if result is None:
         work.progress.note("no table was exported, and therefore no lead-in and lead-out planned")
         return found + left
-    motion = _executable(result, trajectory, controller)
+    motion = result.motion.executable(trajectory, controller.home)
     if motion is None:
         found.append(_left_out("motion", title, f"{RECORD} has those of another design"))
     else:
@@ -298,12 +289,6 @@ _UNLISTED = f"not examined, since {RECORD} does not describe it"
 
 def _left_out(name: str, title: str, reason: str) -> CertifiedPart:
     return CertifiedPart(name, title, PathCertificate((), unchecked=(reason,)))
-
-
-def worst_verdict(parts: list[CertifiedPart]) -> str:
-    """Return the verdict on all parts: the worst of theirs."""
-    verdicts = {part.proof.verdict for part in parts}
-    return next(one for one in (BROKEN, IN_PART, PROVED) if one in verdicts)
 
 
 def certified_table(work: Workspace, path: Path, *, piece: bool = False) -> CertifiedPart:
@@ -432,13 +417,3 @@ def _force_remarks(robot: Robot, motion: Motion, duration: float, period: float)
         return ()
     words = f"force by the identified parameters, {force_limit_in_words(row)}"
     return (f"{words}, at {len(times)} instants",)
-
-
-def _executable(
-    result: ExportResult, trajectory: FourierTrajectory, controller: Robot
-) -> ExecutableMotion | None:
-    try:
-        leads = result.motion.leads
-        return None if leads is None else leads.motion(trajectory, controller.home)
-    except ValueError:
-        return None

@@ -77,7 +77,11 @@ def report_error(error: BaseException, *, as_json: bool) -> int | None:
     if isinstance(error, InputError):
         return _bad_input(error.problems, as_json, getattr(error, "details", {}))
     if isinstance(error, ComputationError):
-        return _failed(error.message, as_json, error.details)
+        if as_json:
+            write_json({"status": FAILED, "message": error.message, **error.details})
+        else:
+            messages().print(Text.assemble(("failed: ", "bold red"), error.message))
+        return FAILED
     return None
 
 
@@ -100,11 +104,3 @@ def _bad_input(problems: Iterable[Problem], as_json: bool, details: Mapping[str,
         if problem.allowed and (following is None or following.allowed != problem.allowed):
             console.print(f"  allowed: {problem.allowed}")
     return BAD_INPUT
-
-
-def _failed(message: str, as_json: bool, details: dict[str, Any] | None = None) -> int:
-    if as_json:
-        write_json({"status": FAILED, "message": message, **(details or {})})
-    else:
-        messages().print(Text.assemble(("failed: ", "bold red"), message))
-    return FAILED

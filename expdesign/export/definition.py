@@ -212,6 +212,16 @@ def edge_rows(rows: Rows, window: tuple[float, float]) -> tuple[int, int]:
     return first, last + rows.left_out[0]
 
 
+def round_up(value: float) -> float:
+    """Return a positive number, rounded up to two digits.
+
+    >>> round_up(0.0857), round_up(12.01)
+    (0.086, 13.0)
+    """
+    unit = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return float(f"{unit * np.ceil(value / unit * (1 - 1e-9)):.2g}")
+
+
 def scaled_in_words(factor: float) -> str:
     """Describe a table whose motion is scaled by F, 0 < F < 1, in the characters of any comment."""
     return (
@@ -363,14 +373,6 @@ def round_to_clock(times: Array, _settings: Settings, *, ticks: int) -> Array:
     return np.rint(times * ticks) / ticks
 
 
-def _keep_times(times: Array, _settings: Settings) -> Array:
-    return times
-
-
-def _no_values(_settings: Settings) -> Mapping[str, str]:
-    return {}
-
-
 @dataclass(frozen=True)
 class ControllerModel:
     """Execution of a table by a controller that plans between the rows itself."""
@@ -408,7 +410,7 @@ class TableFormat:
     """How to run the file, as a template with the blocks of `templates/guide.txt.j2`."""
     clock: str
     """Resolution of the controller's row times."""
-    guide_values: Callable[[Settings], Mapping[str, str]] = _no_values
+    guide_values: Callable[[Settings], Mapping[str, str]] = lambda _settings: {}
     """Further values for the guide."""
     capacity: str = "not known"
     """The controller's limits of rows, times and numbers."""
@@ -422,7 +424,7 @@ class TableFormat:
     angles: str = "deg"
     axes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Names of the axes by space."""
-    written_times: Callable[[Array, Settings], Array] = _keep_times
+    written_times: Callable[[Array, Settings], Array] = lambda times, _settings: times
     """Times (N,), s, as the file states them and the controller keeps them."""
     may_crash: str = ""
     """Program that reads a file, ``sys.argv[1]``, as `read` does, for libraries that may end the

@@ -238,6 +238,7 @@ def resolve_settings(section: ExportSection, task: Task, place: str = "") -> Set
         unit = section.length_unit or form.units
         counted = unit == COUNTS
         digits = form.count_digits if counted else max(0, form.digits + _MORE_DIGITS[unit])
+    planned = form.controller and form.controller.tolerance(task)
     home = task.motion.sample(0.0).pose
     # What the axes move: the pose itself or the struts' lengths.
     moved = home if axes.space == "pose" else task.robot.inverse_kinematics(home)
@@ -249,14 +250,9 @@ def resolve_settings(section: ExportSection, task: Task, place: str = "") -> Set
         axes=axes,
         digits=digits,
         step=(section.segment or task.controller_period) if form.uniform else None,
-        tolerance=section.tolerance or _tolerance(form, task),
+        tolerance=section.tolerance or planned or TOLERANCES[form.interpolation],
         start=(start if digits is None else np.round(start, digits)) + 0.0,
     )
-
-
-def _tolerance(form: TableFormat, task: Task) -> float:
-    controller = form.controller
-    return TOLERANCES[form.interpolation] if controller is None else controller.tolerance(task)
 
 
 def _scale_task(section: ExportSection, task: Task, place: str) -> Task:

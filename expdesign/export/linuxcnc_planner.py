@@ -75,13 +75,9 @@ def plan_motion(
                 pose = pose + following.pose - following.start
             poses.append(pose)
         cycles[move.row] = len(poses) - 1
-    return _interpolate_cubically(np.array(poses)), np.maximum.accumulate(cycles)
-
-
-def _interpolate_cubically(poses: Array) -> Array:
-    """Return the poses (M + 1, 6) that the joints' cubic interpolator makes of (M, 6)."""
-    padded = np.concatenate([poses[:1], poses, poses[-1:], poses[-1:]])
-    return (padded[:-2] + 4 * padded[1:-1] + padded[2:]) / 6
+    # The joints' cubic interpolator.
+    padded = np.array([poses[0], *poses, poses[-1], poses[-1]])
+    return (padded[:-2] + 4 * padded[1:-1] + padded[2:]) / 6, np.maximum.accumulate(cycles)
 
 
 @dataclass(eq=False)

@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import BeforeValidator, Field, PlainSerializer
 
+from constraints.arrays import Array
 from expdesign.export.certification import LIMIT_SHARE
 from expdesign.export.definition import Task
 from expdesign.export.execution import InformationChange
@@ -23,10 +24,11 @@ from expdesign.export.read_back import (
 )
 from expdesign.export.row_times import SHARE
 from expdesign.mechanism.hexapod import COORDINATE_NAMES, actuator_names
-from expdesign.motion.executable import LeadRamps, lead_ramps
+from expdesign.motion.executable import ExecutableMotion, LeadRamps, lead_ramps
 from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, Unlimited, unlimited
 from expdesign.runfolder import JsonFile, OpenNumber, described
 from expdesign.templates import text_templates
+from expdesign.trajectory import FourierTrajectory
 
 FOLDER, RECORD, README = "exports", "exports.json", "README.txt"
 
@@ -104,6 +106,13 @@ class ExportedMotion:
         _LimitsOfMotion | None,
         described("", "by limit the columns of tables/limits.csv, tolerance, kept and certified"),
     ] = field(compare=False)
+
+    def executable(self, trajectory: FourierTrajectory, home: Array) -> ExecutableMotion | None:
+        """Return the motion of a design; None if its ramps are unknown, or those of another one."""
+        try:
+            return None if self.leads is None else self.leads.motion(trajectory, home)
+        except ValueError:
+            return None
 
 
 def exported_motion(task: Task) -> ExportedMotion:

@@ -85,12 +85,12 @@ class MachineFormat:
     """For messages and the documentation."""
     extensions: tuple[str, ...]
     """Lower case, with the dot."""
-    claims: Callable[[Path], bool]
-    """``claims(path)``: True for an existing file in this format with one of its extensions.
-    Formats that share an extension do not claim an unreadable file."""
     read: Callable[[str, tuple[Path, ...]], MachineDraft]
     """``read(name, files)``: the machine under the name of the future robot. Raises `InputError`
     for files that cannot be used."""
+    claims: Callable[[Path], bool] = lambda _path: True
+    """``claims(path)``: True for an existing file in this format with one of its extensions.
+    Formats that share an extension do not claim an unreadable file."""
     most_files: int = 1
     """Largest number of files that describe one machine together."""
     points: Callable[[Path], Mapping[str, Any]] | None = None

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from constraints.arrays import Array
 from expdesign.configuration import ComputationError, ExportSection, InputError, RunConfiguration
 from expdesign.experiment.judging import unknown_parameters
 from expdesign.export.definition import Task
@@ -34,7 +33,7 @@ from expdesign.export.result import (
     exported_table,
     result_file,
 )
-from expdesign.motion.executable import ExecutableMotion, has_enclosure
+from expdesign.motion.executable import has_enclosure
 from expdesign.motion.planning import check_motion, executable_motion
 from expdesign.progress import forward_progress, progress_prefix, report_progress
 from expdesign.recheck.limit_check import range_share_in_words
@@ -191,7 +190,9 @@ def export_task(work: Workspace) -> Task:
     trajectory = work.design().trajectory
     made_from = _made_from(configuration, trajectory)
     result = work.folder / FOLDER / RECORD
-    motion = _known_motion(result, made_from, trajectory, robot.home)
+    known, motion = ExportResult.known(result), None
+    if known is not None and known.motion.made_from == made_from:
+        motion = known.motion.executable(trajectory, robot.home)
     if motion is not None and motion.periods == run.experiment.periods:
         work.progress.note(f"the lead-in and lead-out are those of {short(result)}")
     else:
@@ -230,18 +231,6 @@ def _made_from(configuration: RunConfiguration, trajectory: FourierTrajectory) -
     }
     text, versions = sections_text(configuration, sections), sorted(package_versions().items())
     return text_hash("executable motion", text, trajectory_text(trajectory), versions)
-
-
-def _known_motion(
-    path: Path, made_from: str, trajectory: FourierTrajectory, home: Array
-) -> ExecutableMotion | None:
-    result = ExportResult.known(path)
-    if result is None or result.motion.made_from != made_from or result.motion.leads is None:
-        return None
-    try:
-        return result.motion.leads.motion(trajectory, home)
-    except ValueError:
-        return None
 
 
 def _files_of_motion(

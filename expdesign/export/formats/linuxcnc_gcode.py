@@ -37,6 +37,7 @@ from expdesign.export.definition import (
     TableFormat,
     Task,
     in_window,
+    round_up,
     switched_at,
     switching,
 )
@@ -193,11 +194,6 @@ def _read_move(code: str, line: int, period: float, *, start: bool = False) -> l
 ENDING = ".genhexkins.hal"
 
 
-def geometry_lines(_rows: Rows, settings: Settings) -> list[str]:
-    """Return the lines that give genhexkins the robot's joints, in the table's unit of length."""
-    return setp_lines(settings.task.robot.description, settings.axes.units[0])
-
-
 PLANNER_ENDING = ".planner.ini"
 _PERIOD = 1e-3
 """s; servo period of LinuxCNC's configurations."""
@@ -344,7 +340,7 @@ def planner_limits(settings: Settings) -> PlannerLimits:
         (options.angular_acceleration, acceleration * angular / linear, _DEGREE),
     )
     found = [
-        np.full(3, _round_up(unit * default)) if given is None else unit * np.array(given)
+        np.full(3, round_up(unit * default)) if given is None else unit * np.array(given)
         for given, default, unit in values
     ]
     return PlannerLimits(
@@ -362,12 +358,6 @@ def _servo_period(settings: Settings) -> float:
     """Return the servo period, s: whole nanoseconds, as the INI file states it."""
     period = _options(settings).servo_period or min(settings.task.controller_period, _PERIOD)
     return max(1, round(1e9 * period)) / 1e9
-
-
-def _round_up(value: float) -> float:
-    """Return a value with two digits, not below."""
-    digits = 10.0 ** (np.floor(np.log10(value)) - 1)
-    return float(f"{np.ceil(value / digits * (1 - 1e-9)) * digits:.3g}")
 
 
 @lru_cache(maxsize=4)
@@ -487,5 +477,8 @@ FORMAT = TableFormat(
     repeats=True,
     controller=ControllerModel(execute_moves, choose_row_times, tolerance, condition),
     fixed_angles=True,
-    companions={ENDING: geometry_lines, PLANNER_ENDING: planner_lines},
+    companions={
+        ENDING: lambda _, own: setp_lines(own.task.robot.description, own.axes.units[0]),
+        PLANNER_ENDING: planner_lines,
+    },
 )

@@ -63,7 +63,9 @@ def _write(path: Path, rows: Rows, settings: Settings) -> None:
                 axes.names, settings.numbers(position), settings.numbers(velocity), strict=True
             )
             words = " ".join(f"{axis}{place}:{speed}" for axis, place, speed in moves)
-            yield f"PVT{_milliseconds(step, settings)}\n{words}"
+            # All digits of the time, so that cutting it changes nothing.
+            time = f"{1000 * step / _ticks(settings):.12f}".rstrip("0").rstrip(".")
+            yield f"PVT{time}\n{words}"
 
     behind = switching(rows, settings, _commands(settings))
     if settings.section.looped:
@@ -103,15 +105,6 @@ def _head(settings: Settings) -> list[str]:
 def _ticks(settings: Settings) -> int:
     """Return the ticks of the controller's clock in a second."""
     return 1000 if getattr(settings.section, "clock", None) == "1 ms" else _TICKS
-
-
-def _written_times(times: Array, settings: Settings) -> Array:
-    return round_to_clock(times, settings, ticks=_ticks(settings))
-
-
-def _milliseconds(ticks: float, settings: Settings) -> str:
-    """Return the time of a move with all its digits, so that cutting it changes nothing."""
-    return f"{1000 * ticks / _ticks(settings):.12f}".rstrip("0").rstrip(".")
 
 
 def _commands(settings: Settings) -> tuple[str, str]:
@@ -229,5 +222,5 @@ FORMAT = TableFormat(
     digits=8,
     axes={"strut": LETTERS, "pose": LETTERS},
     repeats=True,
-    written_times=_written_times,
+    written_times=lambda times, own: round_to_clock(times, own, ticks=_ticks(own)),
 )

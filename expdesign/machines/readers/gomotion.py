@@ -98,4 +98,4 @@ def _claims(path: Path) -> bool:
     return f"[{_SECTION}]" in read_text(path, LARGEST, "an INI file")
 
 
-FORMAT = MachineFormat("Go Motion's INI", (".ini",), _claims, _read)
+FORMAT = MachineFormat("Go Motion's INI", (".ini",), _read, _claims)

@@ -283,5 +283,5 @@ def _claims(path: Path) -> bool:
 
 
 FORMAT = MachineFormat(
-    "a list of joints", (".json", ".csv", ".yaml", ".yml"), _claims, _read, points=_values
+    "a list of joints", (".json", ".csv", ".yaml", ".yml"), _read, _claims, points=_values
 )

@@ -469,11 +469,7 @@ def one_or_all(values: Sequence[object]) -> object:
     return values[0] if all(value == values[0] for value in values) else tuple(values)
 
 
-def _claims(path: Path) -> bool:
-    return path.suffix.lower() in FORMAT.extensions
-
-
-FORMAT = MachineFormat("LinuxCNC's INI and HAL", (".ini", ".hal"), _claims, _read, _MOST_FILES)
+FORMAT = MachineFormat("LinuxCNC's INI and HAL", (".ini", ".hal"), _read, most_files=_MOST_FILES)
 
 
 _SECTION = re.compile(r"\[(\w+)\]\s*(?:[#;].*)?")

@@ -170,8 +170,4 @@ def _variables(path: Path) -> dict[str, Any]:
     return variables
 
 
-def _claims(path: Path) -> bool:
-    return path.is_file()
-
-
-FORMAT = MachineFormat("a MATLAB file", (".mat",), _claims, _read, points=_values)
+FORMAT = MachineFormat("a MATLAB file", (".mat",), _read, points=_values)

@@ -236,7 +236,7 @@ def _refuse_references(element: Element) -> None:
         _refuse_references(child)
 
 
-FORMAT = MachineFormat("a MuJoCo model (MJCF)", (".xml", ".mjcf"), lambda _path: True, _read)
+FORMAT = MachineFormat("a MuJoCo model (MJCF)", (".xml", ".mjcf"), _read)
 
 
 _MAIN = "main"

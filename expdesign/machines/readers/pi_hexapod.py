@@ -113,4 +113,4 @@ def _claims(path: Path) -> bool:
     )
 
 
-FORMAT = MachineFormat("PI's hexapod description", (".yaml", ".yml"), _claims, _read)
+FORMAT = MachineFormat("PI's hexapod description", (".yaml", ".yml"), _read, _claims)

@@ -256,4 +256,4 @@ def _rigid(link: Element, place: Placement) -> RigidBody | None:
     return body.placed(within.rotation, within.origin)
 
 
-FORMAT = MachineFormat("an SDF model", (".sdf", ".world"), lambda _path: True, _read)
+FORMAT = MachineFormat("an SDF model", (".sdf", ".world"), _read)

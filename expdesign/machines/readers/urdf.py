@@ -292,4 +292,4 @@ def _rigid(link: Element, place: Placement) -> tuple[float | None, RigidBody | N
     return mass, body.placed(within.rotation, within.origin)
 
 
-FORMAT = MachineFormat("a URDF model", (".urdf",), lambda _path: True, _read)
+FORMAT = MachineFormat("a URDF model", (".urdf",), _read)
