@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import ValidatorFunctionWrapHandler, WrapValidator
+from pydantic import BeforeValidator
 
 from constraints.plugins import declarations
 from expdesign.configuration import quantity
@@ -30,39 +30,46 @@ from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES
 
 
 def _plausible(
-    smallest: str, largest: str, meant: str = "", plain: float = math.inf
-) -> WrapValidator:
-    """Return a validator of a magnitude; plain numbers from `plain` on are asked for their unit."""
+    smallest: str,
+    largest: str,
+    meant: str = "",
+    plain: float = math.inf,
+    sign: Callable[..., Any] | None = quantity.Positive.func,
+) -> BeforeValidator:
+    """Return a reader of a magnitude; plain numbers from `plain` on are asked for their unit."""
 
-    def check(raw: Any, parse: ValidatorFunctionWrapHandler) -> float:
+    def read(raw: object) -> float:
         text, unit = str(raw).strip(), smallest.partition(" ")[2]
         if _PLAIN.fullmatch(text) and abs(float(text)) >= plain:
             message = f"{text} without a unit is {text} {unit}".rstrip()
             allowed = f'a text with its unit, such as "{text} {meant}"'
             raise refusal(message, allowed, f"{text} {meant}")
-        value: float = parse(raw)
-        low, high = map(quantity_in(unit or "1").parse, (smallest, largest))
+        kind = quantity_in(unit) if unit else quantity.SHARE
+        value, low, high = map(kind.parse, (raw, smallest, largest))
+        if sign is not None:
+            sign(value)
         if value and not low <= abs(value) <= high:
             message = f"{quantity.quantity_text(value, unit or '1')} is not plausible for a machine"
             raise refusal(message, f"{smallest} to {largest}")
         return value
 
-    return WrapValidator(check)
+    return BeforeValidator(read)
 
 
 _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-_Coordinate = Annotated[quantity.Length, _plausible("1e-9 m", "100 m", "mm", 5)]
-_Size = Annotated[quantity.Length, quantity.Positive, _plausible("1e-4 m", "100 m", "mm", 5)]
-_Tolerance = Annotated[
-    quantity.Length, quantity.Positive, _plausible("1e-12 m", "0.1 m", "mm", 0.05)
+_Coordinate = Annotated[float, _plausible("1e-9 m", "100 m", "mm", 5, None)]
+_Size = Annotated[float, _plausible("1e-4 m", "100 m", "mm", 5)]
+_Tolerance = Annotated[float, _plausible("1e-12 m", "0.1 m", "mm", 0.05)]
+_ShareTolerance = Annotated[float, _plausible("1e-9", "1", "%", 0.5)]
+_Force = Annotated[float, _plausible("1e-9 N", "1e9 N")]
+_Inertia = Annotated[
+    float, _plausible("1e-12 kg m^2", "1e6 kg m^2", sign=quantity.NotNegative.func)
 ]
-_ShareTolerance = Annotated[quantity.Share, quantity.Positive, _plausible("1e-9", "1", "%", 0.5)]
-_Force = Annotated[quantity.Force, quantity.Positive, _plausible("1e-9 N", "1e9 N")]
 _Joints = Annotated[
     tuple[Annotated[tuple[_Coordinate, ...], exactly(3, "coordinates [x, y, z]")], ...],
     exactly(ACTUATORS, "joints"),
 ]
-_Angle = Annotated[HalfAngle, _plausible("0 rad", "2 rad", "deg", 1)]
+_Angle = Annotated[HalfAngle, _plausible("0 rad", "2 rad", "deg", 1, None)]
 _PAIRS: dict[str, PairedStruts] = {"base": "1-2", "platform": "2-3"}
 _ANSWERS = {
     "base_radius": "base_joints",
@@ -90,41 +97,21 @@ class MachineDescription(Section):
     home_height: _Coordinate | None = None
     strut_length: Annotated[tuple[_Size, ...], Ascending, Pair] | None = None
     stroke: _Size | None = None
-    strut_speed: (
-        Annotated[quantity.Speed, quantity.Positive, _plausible("1e-9 m/s", "100 m/s", "mm/s", 5)]
-        | None
-    ) = None
-    strut_acceleration: (
-        Annotated[quantity.Acceleration, quantity.Positive, _plausible("1e-9 m/s^2", "1e5 m/s^2")]
-        | None
-    ) = None
+    strut_speed: Annotated[float, _plausible("1e-9 m/s", "100 m/s", "mm/s", 5)] | None = None
+    strut_acceleration: Annotated[float, _plausible("1e-9 m/s^2", "1e5 m/s^2")] | None = None
     actuator_force: _Force | None = None
     mass: Annotated[quantity.Mass, quantity.Positive] | None = None
     drive: Literal["direct", "screw", "gear"] | None = None
-    lead: (
-        Annotated[quantity.Length, quantity.Positive, _plausible("1e-6 m", "10 m", "mm", 1)] | None
-    ) = None
-    inertia: (
-        Annotated[quantity.Inertia, quantity.NotNegative, _plausible("1e-12 kg m^2", "1e6 kg m^2")]
-        | None
-    ) = None
+    lead: Annotated[float, _plausible("1e-6 m", "10 m", "mm", 1)] | None = None
+    inertia: _Inertia | None = None
     force_std: _Force | None = None
-    length_std: (
-        Annotated[quantity.Length, quantity.Positive, _plausible("1e-12 m", "1 m", "um", 0.1)]
-        | None
-    ) = None
+    length_std: Annotated[float, _plausible("1e-12 m", "1 m", "um", 0.1)] | None = None
     joint_tolerance: _Tolerance | None = None
     length_tolerance: _Tolerance | None = None
     force_tolerance: _ShareTolerance | None = None
     force_tolerance_each: _ShareTolerance | None = None
-    gravity_tolerance: (
-        Annotated[quantity.Angle, quantity.Positive, _plausible("1e-9 rad", "0.2 rad", "deg", 0.1)]
-        | None
-    ) = None
-    delay_tolerance: (
-        Annotated[quantity.Duration, quantity.Positive, _plausible("1e-9 s", "0.1 s", "ms", 0.1)]
-        | None
-    ) = None
+    gravity_tolerance: Annotated[float, _plausible("1e-9 rad", "0.2 rad", "deg", 0.1)] | None = None
+    delay_tolerance: Annotated[float, _plausible("1e-9 s", "0.1 s", "ms", 0.1)] | None = None
 
 
 def machine_from_answers(
