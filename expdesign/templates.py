@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 
+@cache
 def text_templates(package: str) -> Environment:
     """Return the templates of a package; blocks leave no lines, unknown names are errors."""
     return Environment(
