@@ -122,7 +122,7 @@ def next_motion(
     the same commands. Prints the standard deviations so far, with the last motion repeated for the
     same time, and with the next motion. Writes next.json and a table as well.
     """
-    from expdesign.cli.next_motion import design_next
+    from expdesign.cli.runs import design_next
 
     design_next(folders, out, as_json, design=design, resume=resume, effort=effort, seed=seed)
 
