@@ -373,6 +373,15 @@ def round_to_clock(times: Array, _settings: Settings, *, ticks: int) -> Array:
     return np.rint(times * ticks) / ticks
 
 
+# Formats are pickled with the tables of worker processes: their functions have names.
+def _keep_times(times: Array, _settings: Settings) -> Array:
+    return times
+
+
+def _no_values(_settings: Settings) -> Mapping[str, str]:
+    return {}
+
+
 @dataclass(frozen=True)
 class ControllerModel:
     """Execution of a table by a controller that plans between the rows itself."""
@@ -410,7 +419,7 @@ class TableFormat:
     """How to run the file, as a template with the blocks of `templates/guide.txt.j2`."""
     clock: str
     """Resolution of the controller's row times."""
-    guide_values: Callable[[Settings], Mapping[str, str]] = lambda _settings: {}
+    guide_values: Callable[[Settings], Mapping[str, str]] = _no_values
     """Further values for the guide."""
     capacity: str = "not known"
     """The controller's limits of rows, times and numbers."""
@@ -424,7 +433,7 @@ class TableFormat:
     angles: str = "deg"
     axes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Names of the axes by space."""
-    written_times: Callable[[Array, Settings], Array] = lambda times, _settings: times
+    written_times: Callable[[Array, Settings], Array] = _keep_times
     """Times (N,), s, as the file states them and the controller keeps them."""
     may_crash: str = ""
     """Program that reads a file, ``sys.argv[1]``, as `read` does, for libraries that may end the

@@ -1,5 +1,6 @@
 """Every format, two robots, 5 and 12 harmonics: what stands in the file is the design."""
 
+import pickle
 from dataclasses import replace
 
 import casadi as ca
@@ -302,3 +303,10 @@ def test_no_jumps_of_a_full_turn(tmp_path):
     yaw = rows.position[:, 5]
     assert yaw.min() < 180 < yaw.max()
     assert np.abs(np.diff(rows.position[:, 3:], axis=0)).max() < 5
+
+
+@pytest.mark.parametrize("name", table_formats())
+def test_a_format_is_handed_over_by_worker_processes(name):
+    form = table_formats()[name]
+    copy = pickle.loads(pickle.dumps(form))
+    assert (copy.name, copy.write, copy.read) == (name, form.write, form.read)

@@ -194,6 +194,11 @@ def _read_move(code: str, line: int, period: float, *, start: bool = False) -> l
 ENDING = ".genhexkins.hal"
 
 
+def geometry_lines(_rows: Rows, settings: Settings) -> list[str]:
+    """Return the lines that give genhexkins the robot's joints, in the table's unit of length."""
+    return setp_lines(settings.task.robot.description, settings.axes.units[0])
+
+
 PLANNER_ENDING = ".planner.ini"
 _PERIOD = 1e-3
 """s; servo period of LinuxCNC's configurations."""
@@ -477,8 +482,5 @@ FORMAT = TableFormat(
     repeats=True,
     controller=ControllerModel(execute_moves, choose_row_times, tolerance, condition),
     fixed_angles=True,
-    companions={
-        ENDING: lambda _, own: setp_lines(own.task.robot.description, own.axes.units[0]),
-        PLANNER_ENDING: planner_lines,
-    },
+    companions={ENDING: geometry_lines, PLANNER_ENDING: planner_lines},
 )

@@ -107,6 +107,10 @@ def _ticks(settings: Settings) -> int:
     return 1000 if getattr(settings.section, "clock", None) == "1 ms" else _TICKS
 
 
+def _written_times(times: Array, settings: Settings) -> Array:
+    return round_to_clock(times, settings, ticks=_ticks(settings))
+
+
 def _commands(settings: Settings) -> tuple[str, str]:
     """Return the assignments that wait for the beginning of the next move."""
     return f"M{settings.section.trigger}==1", f"M{settings.section.trigger}==0"
@@ -222,5 +226,5 @@ FORMAT = TableFormat(
     digits=8,
     axes={"strut": LETTERS, "pose": LETTERS},
     repeats=True,
-    written_times=lambda times, own: round_to_clock(times, own, ticks=_ticks(own)),
+    written_times=_written_times,
 )

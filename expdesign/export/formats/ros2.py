@@ -351,6 +351,10 @@ def _client(_rows: Rows, settings: Settings) -> list[str]:
     return template.render(client=client, type=kind, topic=TOPICS[kind]).splitlines()
 
 
+def _guide_values(settings: Settings) -> dict[str, str]:
+    return {"topic": TOPICS[message_type(settings)]}
+
+
 FORMAT = TableFormat(
     name="ros2",
     title="ROS 2, trajectory_msgs",
@@ -360,7 +364,7 @@ FORMAT = TableFormat(
     read=_read,
     options=Ros2Options,
     guide='{% extends "guides/ros2.txt.j2" %}',
-    guide_values=lambda settings: {"topic": TOPICS[message_type(settings)]},
+    guide_values=_guide_values,
     clock="1 ns (`time_from_start`); the controller's update rate",
     capacity="4 GiB of a message; a trajectory before 2³¹ s",
     executed="rosbags reads it; a model of the polynomials",
