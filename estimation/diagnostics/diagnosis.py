@@ -9,15 +9,8 @@ from functools import partial
 import numpy as np
 
 from constraints.arrays import Array
+from estimation.diagnostics import diagnosis_result, noise_result, reliability, residual_covariance
 from estimation.diagnostics.attribution import Attribution, attribute, doubt_effects
-from estimation.diagnostics.diagnosis_result import (
-    AttributedDiagnosis,
-    ChiSquares,
-    PitchResult,
-    PitchRow,
-    RecordingTests,
-    ResidualDiagnosis,
-)
 from estimation.diagnostics.finding import Finding
 from estimation.diagnostics.gain_drift import gain_drift
 from estimation.diagnostics.hypotheses import list_hypotheses
@@ -29,32 +22,8 @@ from estimation.diagnostics.linearisation import (
     Signature,
     linearise,
 )
-from estimation.diagnostics.noise_result import (
-    Histogram,
-    NoiseCovariances,
-    Quantiles,
-    covariance_fields,
-)
 from estimation.diagnostics.noise_tests import NoiseTests, Whiteness, noise_tests, whiteness
 from estimation.diagnostics.plausibility import plausibility
-from estimation.diagnostics.reliability import (
-    CandidateReliability,
-    UndetectedEffect,
-    candidate_reliability,
-    changes_in_words,
-    common_effect_findings,
-    join_recordings,
-    undetected_effect,
-)
-from estimation.diagnostics.residual_covariance import (
-    ResidualCovariance,
-    empirical_noise,
-    held_out_residual_covariance,
-    joint_residual_covariance,
-    refit_lengths,
-    root_of_covariance,
-    with_empirical_colour,
-)
 from estimation.diagnostics.residuals import (
     HarmonicLackOfFit,
     LackOfFit,
@@ -82,7 +51,7 @@ from expdesign.progress import report_progress, track
 from expdesign.robot import Robot
 from expdesign.robot.derived import ErrorShares, derived_quantities, known_quantities
 
-_Residuals = tuple[Array, ResidualCovariance]
+_Residuals = tuple[Array, residual_covariance.ResidualCovariance]
 """Residuals of forces, N, or lengths, m, with their covariance under a correct model."""
 
 
@@ -96,7 +65,7 @@ def diagnose(
     findings: Sequence[Finding] = (),
     channels: Sequence[Finding] = (),
     wanted: Sequence[str] = (),
-) -> ResidualDiagnosis:
+) -> diagnosis_result.ResidualDiagnosis:
     """Diagnose an estimate, or its prediction of held-out data.
 
     Several experiments share the significance levels equally.
@@ -130,34 +99,38 @@ def diagnose(
         _diagnose_experiment(robot, case, *systems, priors, estimate, shares=len(cases))
         for case, systems in zip(cases, _joint_systems(cases, priors, estimate), strict=True)
     )
-    undetected: tuple[UndetectedEffect, ...] = ()
+    undetected: tuple[reliability.UndetectedEffect, ...] = ()
     if held_out:
         judgement = verdict(results)
     else:
-        candidates = join_recordings([result.reliability for result in results])
+        candidates = reliability.join_recordings([result.reliability for result in results])
         undetected, words = _undetected(robot, priors, estimate, candidates, wanted)
         judgement = verdict(
             results,
             *check_motion_onset([case.experiment for case in cases]),
             *check_convergence(estimate),
             *tolerance_findings(estimate),
-            *common_effect_findings(candidates, [result.attribution for result in results]),
+            *reliability.common_effect_findings(
+                candidates, [result.attribution for result in results]
+            ),
             plausibility(robot, priors, estimate),
             *findings,
             channels=channels,
             undetected=words,
         )
     tests = tuple(result.tests for result in results)
-    return ResidualDiagnosis(estimate.estimator, judgement, tests, undetected, results)
+    return diagnosis_result.ResidualDiagnosis(
+        estimate.estimator, judgement, tests, undetected, results
+    )
 
 
 def _undetected(
     robot: Robot,
     priors: ParameterPriors,
     estimate: ParameterEstimate,
-    candidates: Sequence[CandidateReliability],
+    candidates: Sequence[reliability.CandidateReliability],
     wanted: Sequence[str],
-) -> tuple[tuple[UndetectedEffect, ...], str]:
+) -> tuple[tuple[reliability.UndetectedEffect, ...], str]:
     """Return the undetected effects, and their changes of wanted quantities in words."""
     names, std = np.array(priors.names)[priors.free].tolist(), estimate.std[priors.free]
     stds = dict(zip(names, std.tolist(), strict=True))
@@ -166,9 +139,9 @@ def _undetected(
     known = list(known_quantities(derived, errors, robot.scales, priors.regrouping))
     rows = dict(zip(derived.names, derived.jacobian[:, priors.free], strict=True))
     slopes = {one.quantity: rows[one.quantity] for one in known}
-    effects = [undetected_effect(each, names, std, slopes) for each in candidates]
+    effects = [reliability.undetected_effect(each, names, std, slopes) for each in candidates]
     found = tuple(sorted(effects, key=lambda effect: -effect.sigmas))
-    words = changes_in_words(
+    words = reliability.changes_in_words(
         found,
         stds | {one.quantity: one.std for one in known},
         {name: parameter_unit(name) for name in names} | {one.quantity: one.unit for one in known},
@@ -220,7 +193,7 @@ def _linearise(
     known = experiment
     if isinstance(motion, SplineMotion):
         known, motion = experiment.with_known_motion(robot, motion), None
-    coloured = with_empirical_colour(known)
+    coloured = residual_covariance.with_empirical_colour(known)
     free = priors.free & (np.diag(estimate.covariance) > 0) if held_out else priors.free
     part = linearise(robot, coloured, estimate.values, free, motion)
     effects = CandidateEffects(robot, coloured, motion, estimate.values, part)
@@ -260,7 +233,7 @@ def _joint_systems(
         held_out=held_out,
     )
     noises = [case.experiment.noise for case in cases]
-    empirical = [empirical_noise(case.experiment) for case in cases]
+    empirical = [residual_covariance.empirical_noise(case.experiment) for case in cases]
     changed = any(one is not other for one, other in zip(empirical, noises, strict=True))
     systems = build(noises=noises)
     return zip(systems, build(noises=empirical) if changed else systems, strict=True)
@@ -275,7 +248,7 @@ def _diagnose_experiment(
     estimate: ParameterEstimate,
     *,
     shares: int,
-) -> AttributedDiagnosis:
+) -> diagnosis_result.AttributedDiagnosis:
     """Search one experiment for effects and test it, at 1/`shares` of the levels."""
     experiment, part, tolerated = case.experiment, case.part, case.tolerated
     held_out = case.held_out
@@ -296,7 +269,7 @@ def _diagnose_experiment(
         explained = tolerant.solution.with_effects(attribution.columns)
     given = _joint_residuals(experiment, explained)
     if held_out and not tolerated[0].count and not case.recoloured:
-        own = held_out_residual_covariance(case.filtered, experiment, estimate)
+        own = residual_covariance.held_out_residual_covariance(case.filtered, experiment, estimate)
         forces = case.filtered.forces, own
     else:
         # Neither effects of tolerances nor those of other weights are a bias.
@@ -317,23 +290,23 @@ def _diagnose_experiment(
         tests = replace(tests, harmonics_left_out=experiment.harmonics_left_out)
         # What remains may be the motion that this estimator leaves out.
         attribution = replace(attribution, unlisted=False)
-    return AttributedDiagnosis(
+    return diagnosis_result.AttributedDiagnosis(
         tests=tests,
         residuals=force_residuals(experiment, part),
         dependence=tuple(dependence(experiment, part)),
         pitches=tuple(
-            PitchRow(first.strut + 1, *row)
+            diagnosis_result.PitchRow(first.strut + 1, *row)
             for first, last in zip(attribution.first.scans, attribution.last.scans, strict=True)
             for row in np.stack([first.pitches, first.statistic, last.statistic], axis=1).tolist()
         ),
-        histogram=Histogram.of(noises.samples, noises.normality.forces.std),
-        quantiles=Quantiles.of(noises.samples),
-        noise=NoiseCovariances(**covariance_fields(experiment.noise)),
+        histogram=noise_result.Histogram.of(noises.samples, noises.normality.forces.std),
+        quantiles=noise_result.Quantiles.of(noises.samples),
+        noise=noise_result.NoiseCovariances(**noise_result.covariance_fields(experiment.noise)),
         pointwise=experiment.fit is None,
         attribution=attribution,
         reliability=()
         if case.influence is None
-        else candidate_reliability(
+        else reliability.candidate_reliability(
             attribution,
             search_system,
             part,
@@ -347,7 +320,7 @@ def _diagnose_experiment(
 
 def _joint_residuals(experiment: Experiment, solved: SolvedSystem) -> _Residuals:
     """Return the force residuals of a joint fit with their covariance."""
-    own = joint_residual_covariance(experiment.noise.forces, solved)
+    own = residual_covariance.joint_residual_covariance(experiment.noise.forces, solved)
     return solved.force_residuals(), own
 
 
@@ -358,7 +331,7 @@ def _length_residuals(
     experiment = case.experiment
     if experiment.fit is None or case.filtered.lengths is None:
         return None
-    refitted = refit_lengths(
+    refitted = residual_covariance.refit_lengths(
         case.part, experiment, explained, case.tolerated[1], found, force=case.recoloured
     )
     if refitted is not None:
@@ -367,9 +340,11 @@ def _length_residuals(
         first = int(np.count_nonzero(case.part.free))
         root = system.solution.root[first : first + case.part.motion_columns.shape[2]]
     else:
-        root = root_of_covariance(np.asarray(experiment.fit.covariance))
+        root = residual_covariance.root_of_covariance(np.asarray(experiment.fit.covariance))
     columns = case.filtered.length_columns * np.sqrt(case.filtered.length_counts)[:, None, None]
-    expected = ResidualCovariance.of(experiment.noise.lengths, columns, root, fitted=True)
+    expected = residual_covariance.ResidualCovariance.of(
+        experiment.noise.lengths, columns, root, fitted=True
+    )
     return case.filtered.lengths, expected
 
 
@@ -404,7 +379,7 @@ def _tests(
     residuals: tuple[_Residuals, _Residuals, _Residuals | None],
     noises: NoiseTests,
     shares: int,
-) -> RecordingTests:
+) -> diagnosis_result.RecordingTests:
     """Test forces and lengths at 1/`shares` of the levels.
 
     `residuals` are those of forces, of forces given all effects found, and of lengths.
@@ -433,13 +408,13 @@ def _tests(
         )
         for tests in (first, last)
     )
-    return RecordingTests(
+    return diagnosis_result.RecordingTests(
         normality=noises.normality,
         drift=noises.drift,
         held_out=case.held_out,
         harmonics_left_out=0,
         settled=experiment.settled,
-        chi_square=ChiSquares(sizes[0], sizes[-1], length_size),
+        chi_square=diagnosis_result.ChiSquares(sizes[0], sizes[-1], length_size),
         lack_of_fit=lack[0],
         lack_of_fit_with_effects=lack[-1],
         harmonic_lack_of_fit=harmonic[0],
@@ -447,7 +422,9 @@ def _tests(
         variance_comparison=variance_comparison(experiment, part),
         effects=attribution.effects,
         position_periodic=tuple(
-            PitchResult(scan.strut, len(scan.pitches), scan.log_p, again.log_p, best, scan.critical)
+            diagnosis_result.PitchResult(
+                scan.strut, len(scan.pitches), scan.log_p, again.log_p, best, scan.critical
+            )
             for scan, again, best in zip(
                 first.scans, last.scans, attribution.best_forces, strict=True
             )
@@ -481,7 +458,10 @@ def _harmonic_test(
 
 
 def _whiteness(
-    residuals: Array, counts: Array, covariance: ResidualCovariance, level: float
+    residuals: Array,
+    counts: Array,
+    covariance: residual_covariance.ResidualCovariance,
+    level: float,
 ) -> Whiteness:
     scaled = (residuals * np.sqrt(counts)[:, None])[None]
     return whiteness(scaled, covariance.lagged_covariance, level)

@@ -15,17 +15,8 @@ import numpy as np
 import scipy
 
 from constraints.arrays import Array, Mask
+from estimation.diagnostics import noise_result
 from estimation.diagnostics.finding import Assumption, Finding
-from estimation.diagnostics.noise_result import (
-    Histogram,
-    HumComponent,
-    NoiseDensity,
-    NoiseResult,
-    Quantiles,
-    correlation_of,
-    covariance_fields,
-    noise_density,
-)
 from estimation.diagnostics.noise_tests import noise_tests
 from estimation.diagnostics.verdict import noise_findings
 from estimation.processing import Channels, NoiseModel, PeriodicRecording, PeriodSource
@@ -56,7 +47,7 @@ _CLOSE, _FINE, _COARSE = 0.01, 8, 3
 _WIDTH = 78
 
 
-def analyse_noise(recording: PeriodicRecording, source: str = "") -> NoiseResult:
+def analyse_noise(recording: PeriodicRecording, source: str = "") -> noise_result.NoiseResult:
     """Analyse the noise of a recording of two periods or more; `source` is its file.
 
     Raises
@@ -85,12 +76,12 @@ def analyse_noise(recording: PeriodicRecording, source: str = "") -> NoiseResult
     report_progress("tests of the noise")
     tests = noise_tests(recording, noise, force_rows, None if np.any(still) else length_rows)
     report_progress("spectrum of the forces", 0, 2)
-    force_density, force_hum = noise_density(recording.forces, recording.step)
+    force_density, force_hum = noise_result.noise_density(recording.forces, recording.step)
     report_progress("spectrum of the lengths", 1, 2)
-    length_density, length_hum = noise_density(recording.lengths, recording.step)
+    length_density, length_hum = noise_result.noise_density(recording.lengths, recording.step)
     searches = {"force": force_hum, "length": length_hum}
-    result = NoiseResult(
-        **covariance_fields(noise),
+    result = noise_result.NoiseResult(
+        **noise_result.covariance_fields(noise),
         recording=source,
         rows=recording.rows,
         periods=float(recording.periods),
@@ -103,13 +94,13 @@ def analyse_noise(recording: PeriodicRecording, source: str = "") -> NoiseResult
         normality=tests.normality,
         drift=tests.drift,
         hum=tuple(
-            HumComponent(quantity, line.frequency, line.amplitudes)
+            noise_result.HumComponent(quantity, line.frequency, line.amplitudes)
             for quantity, search in searches.items()
             for line in (() if search is None else search.lines)
         ),
         findings=(*noise_findings(tests), hum_finding(searches, tests.whiteness.refused)),
-        histogram=Histogram.of(tests.samples, tests.normality.forces.std),
-        quantiles=Quantiles.of(tests.samples),
+        histogram=noise_result.Histogram.of(tests.samples, tests.normality.forces.std),
+        quantiles=noise_result.Quantiles.of(tests.samples),
         force_density=force_density,
         length_density=length_density,
         block=None,
@@ -163,7 +154,7 @@ def _join_frequencies(frequencies: Iterable[float]) -> str:
     return ", ".join(f"{frequency:.4g}" for frequency in sorted(frequencies))
 
 
-def noise_block(noise: NoiseResult) -> str:
+def noise_block(noise: noise_result.NoiseResult) -> str:
     """Return the `noise:` section with units, to paste into a robot or run file.
 
     It contains significant correlations. A comment names the file of a spectrum, and a comment
@@ -205,7 +196,7 @@ def noise_block(noise: NoiseResult) -> str:
 
 
 def _correlation(kind: str, covariance: Array, freedom: float) -> list[str]:
-    correlation = correlation_of(covariance)
+    correlation = noise_result.correlation_of(covariance)
     upper = np.abs(correlation[np.triu_indices(len(correlation), 1)])
     seen = scipy.stats.norm.isf(_LEVEL / len(upper) / 2) / np.sqrt(freedom)
     if np.max(upper) <= max(seen, _NOTICEABLE):
@@ -216,7 +207,9 @@ def _correlation(kind: str, covariance: Array, freedom: float) -> list[str]:
     return [f"  {kind}_correlation:", *(f"    - [{row}]" for row in rows)]
 
 
-def _spectrum_comment(noise: NoiseResult, kind: str, density: NoiseDensity) -> list[str]:
+def _spectrum_comment(
+    noise: noise_result.NoiseResult, kind: str, density: noise_result.NoiseDensity
+) -> list[str]:
     test = getattr(noise.whiteness, f"{kind}_noise")
     hum = any(line.quantity == kind for line in noise.hum)
     if not len(density.frequency) or not (hum or (test is not None and np.any(test.failed))):

@@ -45,19 +45,7 @@ from estimation.measurement_model.prediction import (
 from estimation.processing import NoiseEstimate
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms.actuator_forces import BACK_EMF
-from expdesign.robot import Robot
-from expdesign.robot.deviation import (
-    CHANNEL_DELAYS,
-    LOW_PASSES,
-    MOTOR_EFFECTS,
-    MOVING_GROUPS,
-    Deviation,
-    add_jumps,
-    apply_deviations,
-    delay_of_jumps,
-    deviating_forces,
-    length_deviation_columns,
-)
+from expdesign.robot import Robot, deviation
 
 DELAY = np.array([[1.0, 1.0, 0.0]])
 LOW_PASS = np.column_stack([*np.polynomial.laguerre.laggauss(4), [0.261, 0.589, 0.861, 1.0]])
@@ -75,7 +63,7 @@ def cramer_rao_covariance(
     experiments: Sequence[Experiment],
     priors: ParameterPriors,
     values: Array,
-    deviations: Sequence[Deviation] = (),
+    deviations: Sequence[deviation.Deviation] = (),
 ) -> Array:
     """Return the Cramér–Rao bound at (p, ξ) as a covariance, (m, m); zero for fixed parameters.
 
@@ -144,7 +132,7 @@ class PerturbedMachine:
 
     robot: Robot
     """Robot with changed joints, gravity and constants."""
-    chosen: tuple[Deviation, ...]
+    chosen: tuple[deviation.Deviation, ...]
     theta: Array
     """(t,), deviations of the chosen entries, SI."""
 
@@ -154,12 +142,14 @@ class PerturbedMachine:
         return cls(robot, (), np.zeros(0))
 
     @classmethod
-    def of(cls, robot: Robot, chosen: Sequence[Deviation], theta: Array) -> PerturbedMachine:
+    def of(
+        cls, robot: Robot, chosen: Sequence[deviation.Deviation], theta: Array
+    ) -> PerturbedMachine:
         """Apply the deviations θ, (t,), to the robot."""
         changes_robot = any(
             value != 0 for one, value in zip(chosen, theta, strict=True) if one.of_the_machine
         )
-        changed = apply_deviations(robot, chosen, theta) if changes_robot else robot
+        changed = deviation.apply_deviations(robot, chosen, theta) if changes_robot else robot
         return cls(changed, tuple(chosen), theta)
 
     def forces(
@@ -194,7 +184,9 @@ class PerturbedMachine:
         """Yield the delays of which delays and low passes of forces or lengths are a mixture."""
         constants = self.low_passes(group)
         nodes, weights, spreads = (LOW_PASS if np.any(constants) else DELAY).T
-        filtering = np.array([one.group == LOW_PASSES[group] for one in self.chosen], dtype=bool)
+        filtering = np.array(
+            [one.group == deviation.LOW_PASSES[group] for one in self.chosen], dtype=bool
+        )
         delays = self.channel_delays(group) + np.multiply.outer(nodes, constants)
         for delay in np.unique(delays).tolist():
             own = delays == delay
@@ -228,14 +220,14 @@ class PerturbedMachine:
             nothing = regressors[:, :, :0]
             return MeasuredForces(regressors @ values, regressors, nothing, slope, sampled)
         state = state_with_jerk(sampled)
-        found = deviating_forces(
+        found = deviation.deviating_forces(
             self.robot, state, sampled.times, signs, values, self.chosen, own_clock=own
         )
         columns = found.columns
         if jumps:
             step = experiment.recording.step
-            change = delay_of_jumps(self.robot, state, signs, values, step)
-            add_jumps(columns, self.chosen, change)
+            change = deviation.delay_of_jumps(self.robot, state, signs, values, step)
+            deviation.add_jumps(columns, self.chosen, change)
         gains = self.gains[:, None]
         read = np.array([one.group.startswith("force_constant.") for one in self.chosen], bool)
         return MeasuredForces(
@@ -259,7 +251,7 @@ class PerturbedMachine:
                 if lag.delay:
                     late = self._sample(motion, times - lag.delay, own_clock=own)
                 mixture += lag.weights * self.robot.inverse_kinematics(late.pose())
-                deviations = deviations + lag.columns * length_deviation_columns(
+                deviations = deviations + lag.columns * deviation.length_deviation_columns(
                     self.robot, late.state(), late.times, self.chosen, own_clock=own
                 )
             lengths, columns = mixture, replace(columns, others=deviations)
@@ -302,7 +294,7 @@ class PerturbedMachine:
         if isinstance(motion, HarmonicMotion) and harmonics and harmonics > motion.harmonics:
             experiment, motion = experiment.for_estimator("ml"), motion.with_harmonics(harmonics)
             matrix = self.length_equations(experiment, motion).matrix
-            moving = np.array([one.group in MOVING_GROUPS for one in self.chosen])
+            moving = np.array([one.group in deviation.MOVING_GROUPS for one in self.chosen])
             change = -np.linalg.solve(matrix[count:, count:], matrix[count:, :count])
             moved = np.where(moving, change, np.zeros_like(change))
         return experiment, motion, np.concatenate([np.eye(count), moved])
@@ -335,11 +327,11 @@ class PerturbedMachine:
 
     def channel_delays(self, group: str) -> Array:
         """Return the delays of single forces (group ``Q``) or lengths (``q``), (6,), s."""
-        return self._per_actuator(CHANNEL_DELAYS[group])
+        return self._per_actuator(deviation.CHANNEL_DELAYS[group])
 
     def low_passes(self, group: str) -> Array:
         """Return the time constants of the same channels, (6,), s."""
-        return self._per_actuator(LOW_PASSES[group])
+        return self._per_actuator(deviation.LOW_PASSES[group])
 
     @property
     def zeros(self) -> Array:
@@ -356,7 +348,7 @@ class PerturbedMachine:
         """(2, 6), factors of the forces of voltages, and of the damping in them."""
         effects = [
             np.outer(effect, self._shares(f"motor.{name}"))
-            for name, effect in MOTOR_EFFECTS.items()
+            for name, effect in deviation.MOTOR_EFFECTS.items()
         ]
         return np.exp(np.sum(effects, axis=0))
 

@@ -13,20 +13,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.diagnosis_result import Diagnosis, RecordingDiagnosis, RecordingTables
 from estimation.diagnostics.noise_result import CovarianceRow, NoiseCovariances, covariance_rows
 from estimation.estimators.result import TEN
-from estimation.identification.estimator_result import (
-    BudgetRow,
-    ConsistentRow,
-    ConstantResult,
-    DeviationRow,
-    EstimatedQuantity,
-    EstimatorResult,
-    PayloadRow,
-    PrecisionRow,
-    budget_rows,
-    consistent_rows,
-    deviation_rows,
-    payload_rows,
-)
+from estimation.identification import estimator_result
 from estimation.identification.term_selection import Selection
 from estimation.selection import SelectionRow
 from estimation.uncertainty.forces import ActuatorForce
@@ -154,7 +141,9 @@ class EstimateFile(RunFile):
     prior_recordings: Annotated[
         tuple[str, ...], described("", "fingerprints of the recordings in the prior estimate")
     ] = ()
-    estimators: Annotated[dict[str, EstimatorResult], described("", "results by estimator")]
+    estimators: Annotated[
+        dict[str, estimator_result.EstimatorResult], described("", "results by estimator")
+    ]
     cramer_rao_covariance: Annotated[
         Numbers | None, described("SI", "the bound with noise in forces and lengths, m × m")
     ]
@@ -185,7 +174,7 @@ class EstimateFile(RunFile):
     ] = ()
 
     @property
-    def best_estimator(self) -> EstimatorResult:
+    def best_estimator(self) -> estimator_result.EstimatorResult:
         """The result of the estimator to use."""
         return self.estimators[self.best]
 
@@ -287,7 +276,7 @@ class EstimationResult(EstimateFile, StageResult):
             for tables, tests, recording in parts
         )
 
-    def __getitem__(self, estimator: str) -> EstimatorResult:
+    def __getitem__(self, estimator: str) -> estimator_result.EstimatorResult:
         """Return the result of one estimator: ``result["ml"].values["p10"]``."""
         return self.estimators[estimator]
 
@@ -319,12 +308,16 @@ class EstimationResult(EstimateFile, StageResult):
         return {name: correlation(matrix) for name, matrix in self.covariances.items()}
 
     @property
-    def precision(self) -> Annotated[_Rows[PrecisionRow], _table("precision", optional=False)]:
+    def precision(
+        self,
+    ) -> Annotated[_Rows[estimator_result.PrecisionRow], _table("precision", optional=False)]:
         """The shares of every standard deviation."""
         unknown = np.full(len(self.parameters), np.nan)
         bound = self.cramer_rao_covariance
 
-        def rows(entry: EstimatorResult) -> Iterator[PrecisionRow]:
+        def rows(
+            entry: estimator_result.EstimatorResult,
+        ) -> Iterator[estimator_result.PrecisionRow]:
             share = entry.covariance_kinematics
             columns = (
                 np.sqrt(np.diag(entry.covariance)),
@@ -333,11 +326,13 @@ class EstimationResult(EstimateFile, StageResult):
                 unknown if bound is None else np.sqrt(np.diag(bound)),
             )
             for name, *numbers in zip(self.parameters, *(c.tolist() for c in columns), strict=True):
-                yield PrecisionRow(name, *numbers)
+                yield estimator_result.PrecisionRow(name, *numbers)
 
         return self._by_estimator(rows)
 
-    def _by_estimator(self, rows: Callable[[EstimatorResult], Iterable[Row]]) -> _Rows[Row]:
+    def _by_estimator(
+        self, rows: Callable[[estimator_result.EstimatorResult], Iterable[Row]]
+    ) -> _Rows[Row]:
         found = {name: tuple(rows(entry)) for name, entry in self.estimators.items()}
         return {name: own for name, own in found.items() if own}
 
@@ -349,34 +344,36 @@ class EstimationResult(EstimateFile, StageResult):
         return self._by_estimator(attrgetter("base_parameters"))
 
     @property
-    def derived(self) -> Annotated[_Rows[EstimatedQuantity], _table("estimate_derived")]:
+    def derived(
+        self,
+    ) -> Annotated[_Rows[estimator_result.EstimatedQuantity], _table("estimate_derived")]:
         """Derived quantities of every estimator."""
         return self._by_estimator(attrgetter("derived"))
 
     @property
-    def budget(self) -> Annotated[_Rows[BudgetRow], _table("budget")]:
+    def budget(self) -> Annotated[_Rows[estimator_result.BudgetRow], _table("budget")]:
         """Shares of every tolerance in every variance; empty without tolerances."""
-        return self._by_estimator(budget_rows)
+        return self._by_estimator(estimator_result.budget_rows)
 
     @property
-    def deviations(self) -> Annotated[_Rows[DeviationRow], _table("deviations")]:
+    def deviations(self) -> Annotated[_Rows[estimator_result.DeviationRow], _table("deviations")]:
         """Tolerances and estimates of all deviations; empty without tolerances."""
-        return self._by_estimator(deviation_rows) if self.budget else {}
+        return self._by_estimator(estimator_result.deviation_rows) if self.budget else {}
 
     @property
-    def constants(self) -> Annotated[_Rows[ConstantResult], _table("constants")]:
+    def constants(self) -> Annotated[_Rows[estimator_result.ConstantResult], _table("constants")]:
         """Estimated constants of terms; empty without any."""
         return self._by_estimator(attrgetter("constants"))
 
     @property
-    def payload(self) -> Annotated[_Rows[PayloadRow], _table("payload")]:
+    def payload(self) -> Annotated[_Rows[estimator_result.PayloadRow], _table("payload")]:
         """The payload by every estimator; empty without a prior identification."""
-        return self._by_estimator(payload_rows)
+        return self._by_estimator(estimator_result.payload_rows)
 
     @property
-    def consistent(self) -> Annotated[_Rows[ConsistentRow], _table("consistent")]:
+    def consistent(self) -> Annotated[_Rows[estimator_result.ConsistentRow], _table("consistent")]:
         """Every estimate and the nearest physically consistent parameters."""
-        return self._by_estimator(consistent_rows)
+        return self._by_estimator(estimator_result.consistent_rows)
 
     @property
     def selection_steps(

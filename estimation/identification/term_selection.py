@@ -49,15 +49,6 @@ UNSETTLED = (
 )
 
 
-def without_bounds(names: Sequence[str]) -> str:
-    """Return a note on a selection with bounds on these parameters."""
-    return (
-        f"the bounds of {listed(names)} (estimate.bounds) had no part in the choice: with them χ² "
-        "would not be distributed as χ². The estimate keeps them, and a term that was chosen for a "
-        "value beyond its bound explains less there than the choice counted on"
-    )
-
-
 _CAUSES = Assumption(
     "candidate terms do not imitate other effects",
     "a candidate term only imitates an effect that is not among the candidates",
@@ -121,18 +112,25 @@ class Selection:
         return tuple(term for term in self.candidates if term.name in self.chosen)
 
     @property
-    def warnings(self) -> list[str]:
-        """Notes on the selection in words."""
-        found = []
-        if self.chosen:
-            found.append(f"estimate.select added {', '.join(self.chosen)}: {CAVEAT}")
-        if not self.settled:
-            found.append(f"estimate.select: {UNSETTLED}")
+    def notes(self) -> list[str]:
+        """Notes on the choice in words."""
+        found = [] if self.settled else [UNSETTLED]
         if self.held_out == "periods":
-            found.append(f"estimate.select: {SAME_MOTION}")
+            found.append(SAME_MOTION)
         if self.bounded:
-            found.append(f"estimate.select: {without_bounds(self.bounded)}")
+            found.append(
+                f"the bounds of {listed(self.bounded)} (estimate.bounds) had no part in the "
+                "choice: with them χ² would not be distributed as χ². The estimate keeps them, and "
+                "a term that was chosen for a value beyond its bound explains less there than the "
+                "choice counted on"
+            )
         return found
+
+    @property
+    def warnings(self) -> list[str]:
+        """The notes as warnings, after that on the intervals."""
+        added = [f"estimate.select added {', '.join(self.chosen)}: {CAVEAT}"] if self.chosen else []
+        return [*added, *(f"estimate.select: {note}" for note in self.notes)]
 
     @classmethod
     def of(

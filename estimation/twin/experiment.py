@@ -12,22 +12,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array, Mask
 from estimation.data.measurement import Measurement
-from estimation.twin.disturbances import (
-    NoiseSource,
-    Repeated,
-    Shared,
-    cogging_force,
-    draw_gross_errors,
-    draw_kept_samples,
-    execute_design,
-    experiment_stream,
-    force_gains,
-    hum_force,
-    length_drift,
-    noise_sources,
-    quantise,
-    repetition_stream,
-)
+from estimation.twin import disturbances
 from estimation.twin.machine import Machine, with_motors
 from estimation.twin.truth import (
     ExecutedTableTruth,
@@ -68,8 +53,8 @@ class Twin:
     forces: Array
     """(T, 6), the same for the forces, without hum, N: forces of the model with the exact friction
     signs, with cogging, multiplied by the errors of the force constants."""
-    length_noise: NoiseSource
-    force_noise: NoiseSource
+    length_noise: disturbances.NoiseSource
+    force_noise: disturbances.NoiseSource
     back_emf: tuple[float, ...] | None = None
     """(6,), N s/m: the forces are those of voltages, with this damping by the robot's motors."""
 
@@ -102,15 +87,19 @@ class Twin:
         section = configuration.run.experiment
         design = commanded if isinstance(commanded, FourierTrajectory) else commanded.design
         grid = SampleGrid.of(design.period, section, configuration.file)
-        force_noise, length_noise = noise_sources(configuration, grid.count, grid.sampling)
+        force_noise, length_noise = disturbances.noise_sources(
+            configuration, grid.count, grid.sampling
+        )
         _refuse_lost_rows(section.lost, grid.count, configuration.file)
         robot = robot_from(configuration.robot)
         true = robot if configuration.truth is None else Robot(configuration.truth)
         voltages = configuration.records_voltages
         driven, per_volt = with_motors(true, robot) if voltages else (true, None)
         machine = Machine(driven, np.asarray(section.compliance))
-        executed = execute_design(
-            design, section.tracking_error, experiment_stream(section.seed, Shared.TRACKING_ERROR)
+        executed = disturbances.execute_design(
+            design,
+            section.tracking_error,
+            disturbances.experiment_stream(section.seed, disturbances.Shared.TRACKING_ERROR),
         )
         table: ExecutedTableTruth | None = None
         motion: Motion = executed
@@ -134,17 +123,19 @@ class Twin:
         found = _measure(machine, motion, stamps / (1 + section.clock), section, configuration)
         lengths, forces, positions = map(grid.repeat, found) if alike else found
         if section.cogging is not None:
-            forces = forces + cogging_force(positions, section.cogging)
+            forces = forces + disturbances.cogging_force(positions, section.cogging)
         if per_volt is not None:
             forces = forces * per_volt
         if section.force_constant is not None:
-            forces = forces * force_gains(section.force_constant, grid.times, grid.duration)
+            forces = forces * disturbances.force_gains(
+                section.force_constant, grid.times, grid.duration
+            )
         lengths = lengths + zeros
         drift: dict[str, Any] | None = None
         if section.drift > 0:
-            stream = experiment_stream(section.seed, Shared.DRIFT)
+            stream = disturbances.experiment_stream(section.seed, disturbances.Shared.DRIFT)
             final = section.drift * stream.choice((-1.0, 1.0), ACTUATORS)
-            lengths = lengths + length_drift(final, grid.times, grid.duration)
+            lengths = lengths + disturbances.length_drift(final, grid.times, grid.duration)
             drift = {"size": section.drift, "final": final}
         truth = Truth(
             name=configuration.run.name,
@@ -179,28 +170,33 @@ class Twin:
         """
         section, count, truth = self.section, self.grid.count, self.truth
 
-        def stream(purpose: Repeated) -> np.random.Generator:
-            return repetition_stream(truth.seeds.repetitions, repetition, purpose)
+        def stream(purpose: disturbances.Repeated) -> np.random.Generator:
+            return disturbances.repetition_stream(truth.seeds.repetitions, repetition, purpose)
 
-        lengths = self.lengths + self.length_noise.draw(stream(Repeated.LENGTH_NOISE))
-        forces = self.forces + self.force_noise.draw(stream(Repeated.FORCE_NOISE))
+        lengths = self.lengths + self.length_noise.draw(stream(disturbances.Repeated.LENGTH_NOISE))
+        forces = self.forces + self.force_noise.draw(stream(disturbances.Repeated.FORCE_NOISE))
         if section.hum is not None:
-            forces += hum_force(section.hum, self.grid.times, stream(Repeated.HUM))
+            forces += disturbances.hum_force(
+                section.hum, self.grid.times, stream(disturbances.Repeated.HUM)
+            )
         if section.outliers is not None:
-            length_errors, force_errors = draw_gross_errors(
-                section.outliers, count, stream(Repeated.OUTLIERS)
+            length_errors, force_errors = disturbances.draw_gross_errors(
+                section.outliers, count, stream(disturbances.Repeated.OUTLIERS)
             )
             lengths += length_errors
             forces += force_errors
         if section.quantisation is not None:
-            lengths = quantise(lengths, section.quantisation.length)
-            forces = quantise(forces, section.quantisation.force)
+            lengths = disturbances.quantise(lengths, section.quantisation.length)
+            forces = disturbances.quantise(forces, section.quantisation.force)
         found = self.as_measurement(
             lengths, forces, f"digital twin of {truth.name}, repetition {repetition}"
         )
         if section.lost is None:
             return found
-        return drop_samples(found, draw_kept_samples(section.lost, count, stream(Repeated.LOST)))
+        return drop_samples(
+            found,
+            disturbances.draw_kept_samples(section.lost, count, stream(disturbances.Repeated.LOST)),
+        )
 
     def as_measurement(self, lengths: Array, forces: Array, source: str = "") -> Measurement:
         """Return lengths (m) and forces (N) of all samples, (T, 6) each, as a measurement."""

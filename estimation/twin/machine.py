@@ -16,17 +16,7 @@ from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import friction, platform_forces, rigid_platform, struts
 from expdesign.mechanism.terms.actuator_forces import BACK_EMF
 from expdesign.recheck.limit_check import Motion
-from expdesign.robot import Robot
-from expdesign.robot.deviation import (
-    CHANNEL_DELAYS,
-    LOW_PASSES,
-    MOTOR_EFFECTS,
-    Deviation,
-    apply_deviations,
-    as_in_a_file,
-    deviations,
-    toleranced_deviations,
-)
+from expdesign.robot import Robot, deviation
 from expdesign.trajectory import PoseSamples
 
 CARRIED = frozenset(
@@ -230,7 +220,7 @@ class DrawnMachine:
 
     configuration: RunConfiguration
     """Run with this true machine, for `Twin.of`; its robot is unchanged."""
-    deviations: tuple[Deviation, ...]
+    deviations: tuple[deviation.Deviation, ...]
     """Drawn entries: all with a tolerance."""
     values: Array
     """(t,), deviation of each entry, SI."""
@@ -272,7 +262,7 @@ def draw_machine(configuration: RunConfiguration, rng: np.random.Generator) -> D
     """
     voltages = configuration.records_voltages
     robot = Robot(replace(configuration.robot, forces_of_voltages=voltages))
-    count = len(toleranced_deviations(robot))
+    count = len(deviation.toleranced_deviations(robot))
     return machine_within_tolerances(configuration, rng.standard_normal(count))
 
 
@@ -281,12 +271,12 @@ def machine_within_tolerances(configuration: RunConfiguration, draws: Array) -> 
     base, voltages = configuration.truth or configuration.robot, configuration.records_voltages
     tolerances = configuration.robot.tolerances
     robot = Robot(replace(base, tolerances=tolerances, forces_of_voltages=voltages))
-    entries = toleranced_deviations(robot)
+    entries = deviation.toleranced_deviations(robot)
     values = draws * np.array([each.tolerance for each in entries])
     values = np.where([each.lower == 0 for each in entries], np.abs(values), values)
     drawn = dict(zip((each.name for each in entries), values.tolist(), strict=True))
     off: dict[str, list[float]] = {}
-    for entry in deviations(robot):
+    for entry in deviation.deviations(robot):
         off.setdefault(entry.group, []).append(drawn.get(entry.name, 0.0))
     section = configuration.run.experiment
 
@@ -300,7 +290,8 @@ def machine_within_tolerances(configuration: RunConfiguration, draws: Array) -> 
     drive, supply = base.drive, np.zeros(ACTUATORS)
     if voltages:
         constant, resistance, supply = (
-            np.add(off[f"motor.{name}.common"], off[f"motor.{name}.each"]) for name in MOTOR_EFFECTS
+            np.add(off[f"motor.{name}.common"], off[f"motor.{name}.each"])
+            for name in deviation.MOTOR_EFFECTS
         )
         known = drive if drive.motor is not None else configuration.robot.drive
         # The deviations are errors of what is known.
@@ -310,19 +301,19 @@ def machine_within_tolerances(configuration: RunConfiguration, draws: Array) -> 
         "common": _product(error.common, common),
         "each": tuple(_product(_product(stated, drawn), read) for stated, drawn, read in each),
     }
-    moved = apply_deviations(robot, entries, values)
+    moved = deviation.apply_deviations(robot, entries, values)
     about = replace(moved.description, forces_of_voltages=False)
     extended = replace(moved, description=about).extended.description
     truth = replace(extended, tolerances=base.tolerances, drive=drive)
-    described = as_in_a_file(truth).model_copy(update={"drive": drive})
+    described = deviation.as_in_a_file(truth).model_copy(update={"drive": drive})
     measured = configuration.with_section(
         "experiment",
         truth=described,
         strut_length=tuple(np.add(section.strut_length, off["strut_length"]).tolist()),
         force_constant=error.model_copy(update=constants),
         delay=section.delay + sum(off["delay"]),
-        channel_delay=of_channels(section.channel_delay, CHANNEL_DELAYS),
-        low_pass=of_channels(section.low_pass, LOW_PASSES),
+        channel_delay=of_channels(section.channel_delay, deviation.CHANNEL_DELAYS),
+        low_pass=of_channels(section.low_pass, deviation.LOW_PASSES),
         clock=section.clock + sum(off["clock"]),
     )
     truth = replace(truth, description=described)

@@ -15,7 +15,6 @@ from estimation.diagnostics.tolerance_test import hidden_error
 from estimation.estimators.result import ABOUT_CENTRE, TEN
 from estimation.identification.estimator_result import PayloadRow
 from estimation.identification.result import EstimateFile, EstimationResult
-from estimation.identification.term_selection import SAME_MOTION, UNSETTLED, without_bounds
 from estimation.selection import SelectionRow
 from estimation.uncertainty.intervals import (
     FAMILY_LEVEL,
@@ -449,11 +448,7 @@ def selection_blocks(result: EstimationResult) -> Iterator[Block]:
     ]
     caption = f"Every term that was tried; judged by: {WORTH[found.by]}"
     yield ReportTable.of("selection", caption, columns, found.steps, folded=True)
-    cautions = [finding.sentence for finding in found.findings]
-    cautions += [SAME_MOTION] if found.held_out == "periods" else []
-    cautions += [] if found.settled else [UNSETTLED]
-    cautions += [without_bounds(found.bounded)] if found.bounded else []
-    for text in cautions:
+    for text in (*(finding.sentence for finding in found.findings), *found.notes):
         yield TextBlock(f"{text[0].upper()}{text[1:]}.", Level.CAUTION)
     yield TextBlock(found.caveat, Level.CAUTION)
 

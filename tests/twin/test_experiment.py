@@ -286,8 +286,9 @@ def test_every_process_draws_the_same():
 
 def test_a_repetition_costs_only_its_draws(twin, monkeypatch):
     found = twin(frequency=0.6, periods=3, sampling=100)
-    for name in ("robot_from", "execute_design", "cogging_force", "length_drift"):
-        monkeypatch.delattr(f"estimation.twin.experiment.{name}")
+    monkeypatch.delattr("estimation.twin.experiment.robot_from")
+    for name in ("execute_design", "cogging_force", "length_drift"):
+        monkeypatch.delattr(f"estimation.twin.disturbances.{name}")
     for k in (1, 2):
         assert found.measurement(k).forces.shape == found.forces.shape
 
