@@ -30,16 +30,9 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from constraints.arrays import Array, ComplexArray
-from estimation.measurement_model import HarmonicMotion, Motion, SplineMotion
+from estimation.measurement_model import HarmonicMotion, Motion, SplineMotion, prediction
 from estimation.measurement_model.banded import BandedInverse
 from estimation.measurement_model.motion import NormalEquations, Rows, Samples, whiten_rows
-from estimation.measurement_model.prediction import (
-    chunks,
-    length_columns,
-    sliding_change_kernel,
-    sliding_kernel,
-    sliding_rate_kernel,
-)
 from estimation.measurement_model.spline import MotionCovariance
 from estimation.processing import NoiseEstimate, PeriodicRecording
 from expdesign.configuration import ComputationError
@@ -197,10 +190,12 @@ def length_equations(
     """Return the normal equations of ξ from the lengths."""
 
     def rows(part: slice) -> Rows:
-        lengths, columns = length_columns(robot, motion.at(recording.lengths.times[part]))
+        lengths, columns = prediction.length_columns(
+            robot, motion.at(recording.lengths.times[part])
+        )
         return recording.lengths.values[part] - lengths, columns, recording.lengths.counts[part]
 
-    parts = map(rows, chunks(recording.samples))
+    parts = map(rows, prediction.chunks(recording.samples))
     return NormalEquations.of(parts, noise.covariance, noise.filter)
 
 
@@ -420,7 +415,7 @@ def signs_along(robot: Robot, sampled: Samples, spread: Array) -> Array:
 
     `spread` is their standard deviation, (S, s), as of `rate_spread`; 0 gives the plain signs.
     """
-    kernel = sliding_rate_kernel(robot.terms)
+    kernel = prediction.sliding_rate_kernel(robot.terms)
     (rates,) = kernel(sampled.state(), robot.geometry_vector)
     return _mean_signs(rates, spread)
 
@@ -451,9 +446,11 @@ def rate_spread(
     times, late = recording.forces.times, np.hypot(robot.delay_std, recording.jump_spread)
     factor = motion.factor(covariance)
     parts = []
-    for part in chunks(len(times)):
+    for part in prediction.chunks(len(times)):
         sampled = motion.at(times[part])
-        rates, slope = sliding_kernel(robot.terms)(sampled.state(), robot.geometry_vector)
+        rates, slope = prediction.sliding_kernel(robot.terms)(
+            sampled.state(), robot.geometry_vector
+        )
         spread = sampled.spread(slope, factor)
         if late:
             spread = add_time_spread(robot, sampled, spread, late)
@@ -470,6 +467,6 @@ def add_time_spread(robot: Robot, sampled: Samples, spread: Array, std: float) -
 
 def _rates_and_spread(robot: Robot, sampled: Samples, std: float) -> tuple[Array, Array]:
     """Return the rates, (S, s), and their standard deviations by that of the time, s."""
-    kernel = sliding_change_kernel(robot.terms)
+    kernel = prediction.sliding_change_kernel(robot.terms)
     rates, changes = kernel(sampled.state(), robot.geometry_vector)
     return rates, np.abs(std * changes)

@@ -24,6 +24,7 @@ from pydantic import Field
 from scipy.optimize import brentq, minimize_scalar
 
 from constraints.arrays import Array
+from estimation.diagnostics import significance
 from estimation.diagnostics.finding import Assumption
 from estimation.diagnostics.joint_system import (
     ConditionalScores,
@@ -31,14 +32,6 @@ from estimation.diagnostics.joint_system import (
     SolvedSystem,
 )
 from estimation.diagnostics.linearisation import Linearisation, Signature
-from estimation.diagnostics.significance import (
-    HYPOTHESES,
-    POSITION_PERIODIC,
-    POWER,
-    Strut,
-    log_tail,
-    noncentrality,
-)
 from estimation.diagnostics.whitened_rows import Places
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import parameter_unit, term_definitions
@@ -116,7 +109,7 @@ class Candidates:
 class Hypothesis(Family, Candidates):
     """Family of candidate effects with its candidates and their level."""
 
-    level: float = HYPOTHESES
+    level: float = significance.HYPOTHESES
     """Level of all candidates together."""
     modelled: bool = False
     """Whether the model has a term for it: then there is no assumption to test."""
@@ -190,7 +183,7 @@ def evaluate_hypothesis(
     statistic = np.array([fit.statistic for fit in fits])
     rank = np.array([fit.rank for fit in fits], dtype=np.float64)
     log_p, tested = np.full(len(fits), np.nan), rank > 0
-    log_p[tested] = log_tail(statistic[tested], rank[tested], conditional.freedom)
+    log_p[tested] = significance.log_tail(statistic[tested], rank[tested], conditional.freedom)
     shares = np.ones(len(fits))
     alike = np.array([strut is None for _, strut in hypothesis.labels], dtype=bool)
     for kind, share in ((tested & alike, _ALIKE), (tested & ~alike, 1 - _ALIKE)):
@@ -207,7 +200,9 @@ class CandidateResult:
     parameter: Annotated[
         str, described("", "parameters, base or platform, force or length; or empty")
     ]
-    actuator: Annotated[Strut, described("1", "number of the actuator; null: all of them")]
+    actuator: Annotated[
+        significance.Strut, described("1", "number of the actuator; null: all of them")
+    ]
     constant: Annotated[OpenNumber, described("SI", "constant of the columns; null: none")]
     statistic: Annotated[OpenNumber, described("1", "χ²; null: it cannot be tested")]
     freedom: Annotated[
@@ -244,7 +239,7 @@ class HypothesisResult:
             if not fit.rank and not hypothesis.places:
                 values = std = np.full(1, np.nan)
             limit = float(test.limits[number])
-            far = noncentrality(limit, fit.rank, freedom) if fit.rank else np.nan
+            far = significance.noncentrality(limit, fit.rank, freedom) if fit.rank else np.nan
             rows.append(
                 CandidateResult(
                     parameter=name,
@@ -259,7 +254,7 @@ class HypothesisResult:
                     failed=bool(test.log_p[number] < limit),
                 )
             )
-        return cls(hypothesis.kind, POWER, hypothesis.level, test.tested, tuple(rows))
+        return cls(hypothesis.kind, significance.POWER, hypothesis.level, test.tested, tuple(rows))
 
 
 PERIODIC = Family(
@@ -323,7 +318,7 @@ def scan_pitches(
     part: Linearisation,
     strut: int,
     step: float,
-    level: float = POSITION_PERIODIC,
+    level: float = significance.POSITION_PERIODIC,
 ) -> PitchScan:
     """Scan the pitches of one strut, with samples `step` apart, s.
 
@@ -366,7 +361,7 @@ def log_exceedance(statistic: float, reach: float, freedom: float) -> float:
 
     `reach` is ∫ √λ₂ df over the scan, `freedom` the degrees of freedom of Σ.
     """
-    log_p = float(log_tail(np.array(statistic), np.array(2), freedom))
+    log_p = float(significance.log_tail(np.array(statistic), np.array(2), freedom))
     return min(0.0, log_p + float(np.log1p(np.sqrt(statistic / (2 * np.pi)) * reach)))
 
 

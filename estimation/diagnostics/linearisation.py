@@ -46,14 +46,7 @@ from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.term import parameters_of
 from expdesign.mechanism.terms import term_definitions
 from expdesign.mechanism.terms.rigid_platform import GENERAL, LATERAL, SYMMETRIC
-from expdesign.robot import Robot
-from expdesign.robot.deviation import (
-    Deviation,
-    deviations,
-    estimated_constants,
-    force_jumps,
-    toleranced_deviations,
-)
+from expdesign.robot import Robot, deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,7 +284,7 @@ def _sign_errors(
             if not len(rows):
                 continue
             at, inside = first[rows], share[rows]
-            jumps, _, change = force_jumps(robot, state[at], signs[at], values)
+            jumps, _, change = deviation.force_jumps(robot, state[at], signs[at], values)
             density = np.exp(-(ndtri(inside) ** 2) / 2) / np.sqrt(2 * np.pi)
             late = robot.delay_std * change[:, rate] * density
             late /= np.maximum(spread[at, rate], np.finfo(np.float64).tiny)
@@ -454,10 +447,12 @@ class CandidateEffects:
         return self.deviations([each.name for each in entries]), precision, means
 
     @cached_property
-    def _inexact(self) -> tuple[Deviation, ...]:
-        constants = estimated_constants(self.robot)
+    def _inexact(self) -> tuple[deviation.Deviation, ...]:
+        constants = deviation.estimated_constants(self.robot)
         names = {one.name for one in constants}
-        others = (one for one in toleranced_deviations(self.robot) if one.name not in names)
+        others = (
+            one for one in deviation.toleranced_deviations(self.robot) if one.name not in names
+        )
         return (*constants, *others)
 
     def delay(self, seconds: float) -> Signature:
@@ -534,7 +529,9 @@ class CandidateEffects:
         robot, experiment, motion, part = self.robot, self.experiment, self._fitted, self.part
         inexact = {each.name for each in self._inexact}
         wanted = [
-            each for each in deviations(robot) if each.group in _GEOMETRIC or each.name in inexact
+            each
+            for each in deviation.deviations(robot)
+            if each.group in _GEOMETRIC or each.name in inexact
         ]
         machine = PerturbedMachine.of(robot, wanted, np.zeros(len(wanted)))
         experiment, motion, steps = machine.follow_lengths(experiment, motion)

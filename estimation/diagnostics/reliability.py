@@ -33,6 +33,7 @@ import numpy as np
 import scipy
 
 from constraints.arrays import Array
+from estimation.diagnostics import joint_system
 from estimation.diagnostics.attribution import (
     Attribution,
     Rival,
@@ -41,12 +42,6 @@ from estimation.diagnostics.attribution import (
     hypothesis_finding,
 )
 from estimation.diagnostics.finding import Finding, join_words
-from estimation.diagnostics.joint_system import (
-    DETERMINED,
-    ConditionalScores,
-    EffectFit,
-    JointSystem,
-)
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.search import RIVAL_LEVEL, EffectCandidate, list_candidates
 from estimation.diagnostics.significance import Strut, noncentrality
@@ -95,7 +90,7 @@ class CandidateReliability:
     """Candidate effect in one recording, or in all of them together."""
 
     item: EffectCandidate
-    scores: ConditionalScores
+    scores: joint_system.ConditionalScores
     """Of its q columns, with I."""
     response: Array
     """(q, u), A."""
@@ -113,7 +108,7 @@ class CandidateReliability:
         return item.kind, item.parameter, item.strut, constant if np.isfinite(constant) else None
 
     @cached_property
-    def fit(self) -> EffectFit:
+    def fit(self) -> joint_system.EffectFit:
         """Joint fit of its columns."""
         return self.scores.fit(range(len(self.response)))
 
@@ -135,7 +130,7 @@ class CandidateReliability:
 
 def candidate_reliability(
     attribution: Attribution,
-    system: JointSystem,
+    system: joint_system.JointSystem,
     part: Linearisation,
     tolerated: Signature,
     influence: Influence,
@@ -201,7 +196,7 @@ def join_recordings(
     for candidate in (candidate for recording in recordings for candidate in recording):
         if len(recordings) > 1 and not root.size:
             # The same in all of them.
-            root = root_of_pseudo_inverse(candidate.unknowns, DETERMINED)
+            root = root_of_pseudo_inverse(candidate.unknowns, joint_system.DETERMINED)
         groups.setdefault(candidate.key, []).append(candidate)
     joint = (_join(own, root) if len(own) > 1 else own[0] for own in groups.values())
     return tuple(each for each in joint if each.fit.rank)
@@ -214,7 +209,7 @@ def _join(own: Sequence[CandidateReliability], root: Array) -> CandidateReliabil
     information = sum(
         each.information + part @ part.T for each, part in zip(scores, parts, strict=True)
     )
-    joint = ConditionalScores(
+    joint = joint_system.ConditionalScores(
         np.sum([each.score for each in scores], axis=0),
         information - total @ total.T,
         np.sum([each.whole for each in scores], axis=0),

@@ -67,14 +67,7 @@ from expdesign.configuration.tolerances import (
 )
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms.actuator_forces import BACK_EMF
-from expdesign.robot import Robot, robot_from
-from expdesign.robot.deviation import (
-    apply_deviations,
-    as_in_a_file,
-    deviations,
-    estimated_constants,
-    toleranced_deviations,
-)
+from expdesign.robot import Robot, deviation, robot_from
 from expdesign.trajectory import FourierKeys, FourierTrajectory, fourier_keys
 
 
@@ -285,7 +278,7 @@ def _constants(robot: Robot, systematic: SystematicUncertainty | None) -> Iterat
     stated = dict(zip(names, robot.description.constants, strict=True))
     entries = () if systematic is None else systematic.deviations
     estimated = {one.name: one for one in reversed(entries)}
-    for own in estimated_constants(robot):
+    for own in deviation.estimated_constants(robot):
         if own.name in estimated:
             found = estimated[own.name]
             yield ConstantResult(
@@ -327,7 +320,7 @@ def _intervals_note(estimation: Estimation) -> str:
     noise = f"the noise of forces and lengths, {'as it is' if counted else 'taken for white'}"
     if systematic is None or not systematic.groups:
         why = "the robot file gives no tolerances"
-        if toleranced_deviations(estimation.robot):
+        if deviation.toleranced_deviations(estimation.robot):
             why = "its tolerances are left out (estimate.systematic: none)"
         return f"95 %, with {noise}; they hold for exact geometry and force constants: {why}"
     verb = "and what is left of" if systematic.with_priors else "and"
@@ -350,7 +343,9 @@ def identified_robot(estimation: Estimation, diagnosis: Diagnosis | None) -> Rob
     description = robot.description.description
     if found is not None and found.estimated:
         tolerances = _tolerances(description, robot, best)
-        moved = as_in_a_file(apply_deviations(robot, found.deviations, found.values).description)
+        moved = deviation.as_in_a_file(
+            deviation.apply_deviations(robot, found.deviations, found.values).description
+        )
         description = moved.model_copy(update={"tolerances": tolerances})
     parameters = dict(zip(estimation.priors.names, best.values.tolist(), strict=True))
     if (near := _replacement(estimation)) is not None:
@@ -381,7 +376,7 @@ def _identification(estimation: Estimation, diagnosis: Diagnosis | None) -> Iden
     # Deviations without a tolerance are random: their errors are in that covariance.
     inexact = np.zeros(0, dtype=bool)
     response = shared = np.zeros((len(best.values), 0))
-    constants = [one.name for one in estimated_constants(robot)]
+    constants = [one.name for one in deviation.estimated_constants(robot)]
     joint = slice(len(best.values) + len(constants))
     entries: list[EstimatedDeviation] = []
     deviating = np.zeros((0, 0))
@@ -418,7 +413,7 @@ def _identification(estimation: Estimation, diagnosis: Diagnosis | None) -> Iden
 def _tolerances(description: RobotDescription, robot: Robot, best: ParameterEstimate) -> Any:
     """Return the tolerances of the robot, reduced to the standard deviations of the estimate."""
     given, found = description.tolerances, best.systematic
-    constants = [one.group.split(".")[1:] for one in estimated_constants(robot)]
+    constants = [one.group.split(".")[1:] for one in deviation.estimated_constants(robot)]
     if found is None or (given is None and not constants):
         return given
     given = given or RobotTolerances()
@@ -535,7 +530,7 @@ def identified_model(
         influences=(),
         motions=(),
     )
-    systematic, known = entry.systematic, {one.name for one in deviations(robot)}
+    systematic, known = entry.systematic, {one.name for one in deviation.deviations(robot)}
     if systematic is not None and any(one.name not in known for one in systematic.deviations):
         estimate = replace(estimate, systematic=None)
     priors = ParameterPriors.of(robot, EstimateSection(fixed=fixed))

@@ -33,12 +33,7 @@ from estimation.measurement_model import HarmonicMotion, Motion
 from estimation.measurement_model.motion import NormalEquations, root_of_pseudo_inverse
 from estimation.processing import NoiseEstimate, NoiseModel, PeriodicRecording
 from expdesign.mechanism.hexapod import COORDINATES
-from expdesign.recheck.followed_lengths import (
-    FollowedLengths,
-    Noise,
-    RecordedNoise,
-    followed_harmonics,
-)
+from expdesign.recheck import followed_lengths
 from expdesign.robot import Robot
 from expdesign.trajectory import HARMONIC_LEVEL
 
@@ -99,9 +94,9 @@ def with_raised_harmonics(
     if linear is None or not isinstance(motion, HarmonicMotion):
         return experiment
     designed = replace(motion, table=linear.motion.table).trajectory
-    followed = FollowedLengths(designed, robot, machine.robot, machine.zeros)
+    followed = followed_lengths.FollowedLengths(designed, robot, machine.robot, machine.zeros)
     least, recorded = motion.harmonics, recorded_noise(recording, noise)
-    wanted = followed_harmonics(followed, motion.omega, values, recorded, least)
+    wanted = followed_lengths.followed_harmonics(followed, motion.omega, values, recorded, least)
     if wanted == least:
         return experiment
     motion, own = motion.with_harmonics(wanted), machine.robot
@@ -110,11 +105,13 @@ def with_raised_harmonics(
     return replace(experiment, refined_motion=refined).with_sign_variance(own, values)
 
 
-def recorded_noise(recording: PeriodicRecording, noise: NoiseModel) -> RecordedNoise:
+def recorded_noise(
+    recording: PeriodicRecording, noise: NoiseModel
+) -> followed_lengths.RecordedNoise:
     """Return the noise of a recording at the multiples of its motion's frequency."""
     per_period = recording.period / recording.step
 
-    def of_lines(own: NoiseEstimate) -> Noise:
+    def of_lines(own: NoiseEstimate) -> followed_lengths.Noise:
         found = own.filter
         if found is None:
             return own.covariance
@@ -122,7 +119,7 @@ def recorded_noise(recording: PeriodicRecording, noise: NoiseModel) -> RecordedN
         return lambda count: found.spectrum[np.rint(np.arange(count) * every).astype(np.intp)]
 
     lengths, forces = of_lines(noise.lengths), of_lines(noise.forces)
-    return RecordedNoise(lengths, forces, recording.rows, per_period)
+    return followed_lengths.RecordedNoise(lengths, forces, recording.rows, per_period)
 
 
 def _first_estimate(experiment: Experiment, priors: ParameterPriors) -> Array:

@@ -23,13 +23,8 @@ from estimation.channels.lag import slow_low_pass_warning
 from estimation.data.measurement import Measurement
 from estimation.estimators import Experiment, ParameterPriors, linear_estimate
 from estimation.estimators.experiment import MotionEstimate
+from estimation.identification import periods
 from estimation.identification.harmonics import recorded_noise, refine_motion, weigh_signs
-from estimation.identification.periods import (
-    NoPeriodError,
-    UnsuitableDataError,
-    choose_omega,
-    period_warning,
-)
 from estimation.identification.single_shot import estimate_noise, fit_spline
 from estimation.kinematics import (
     MotionFit,
@@ -134,7 +129,7 @@ def prepare_recording(
     warnings = [scarce]
     if section.frequency != "estimated":
         own = experiment.noise.lengths.covariance
-        warnings.append(period_warning(robot, data, recording, fit.series, own))
+        warnings.append(periods.period_warning(robot, data, recording, fit.series, own))
     if fit.wanted is not None:
         warnings.append(
             f"no motion of the machine described has the {fit.wanted} harmonics that lengths or "
@@ -185,14 +180,14 @@ def fold_periods(
         if section.differentiation == "spline":
             return single_recording(data)
         try:
-            omega, source = choose_omega(configuration, data, design)
+            omega, source = periods.choose_omega(configuration, data, design)
             return fold_recording(data, omega, source, average=average, robust=robust)
-        except (NoPeriodError, PeriodError):
+        except (periods.NoPeriodError, PeriodError):
             if not optional:
                 raise
             return single_recording(data)
     except PeriodError as error:
-        raise UnsuitableDataError(str(error), data.file) from error
+        raise periods.UnsuitableDataError(str(error), data.file) from error
 
 
 def check_recording(
@@ -490,7 +485,7 @@ def with_stated_spectrum(
     """
     sampling, samples = 1 / recording.step, recording.samples
     if not stated.covers(sampling):
-        raise UnsuitableDataError(
+        raise periods.UnsuitableDataError(
             f"the spectrum given for the noise ends at a sampling of {stated.highest:g} Hz, the "
             f"recording has {sampling:g} Hz",
             allowed="a spectrum of this sampling, or estimate.noise: estimated",
@@ -518,7 +513,7 @@ def _refuse_singular(letter: str, noise: NoiseEstimate, file: Path | None) -> No
     else:
         return
     allowed = "six channels that were measured, or noise: given"
-    raise UnsuitableDataError(message, file, allowed=allowed)
+    raise periods.UnsuitableDataError(message, file, allowed=allowed)
 
 
 def residual_noise(residuals: Array, counts: Array, used: int) -> NoiseEstimate:

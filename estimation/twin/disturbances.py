@@ -17,15 +17,7 @@ import numpy as np
 from scipy.fft import next_fast_len
 
 from constraints.arrays import Array, ComplexArray, Mask
-from expdesign.configuration import InputError, Problem, RunConfiguration
-from expdesign.configuration.experiment import (
-    Cogging,
-    ForceConstantError,
-    HumDisturbance,
-    Lost,
-    Outliers,
-    TrackingError,
-)
+from expdesign.configuration import InputError, Problem, RunConfiguration, experiment
 from expdesign.configuration.schema import MOST_SAMPLES
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES
 from expdesign.noise import Hum as SpectralHum
@@ -66,7 +58,7 @@ def repetition_stream(seed: int, repetition: int, purpose: Repeated) -> np.rando
 
 
 def execute_design(
-    design: FourierTrajectory, error: TrackingError | None, rng: np.random.Generator
+    design: FourierTrajectory, error: experiment.TrackingError | None, rng: np.random.Generator
 ) -> FourierTrajectory:
     """Add the tracking error of a controller to a designed motion.
 
@@ -91,7 +83,7 @@ def execute_design(
     return FourierTrajectory(design.omega, design.lambda0, mu, nu)
 
 
-def cogging_force(lengths: Array, cogging: Cogging) -> Array:
+def cogging_force(lengths: Array, cogging: experiment.Cogging) -> Array:
     """Return the cogging of linear motors in the forces, (T, 6), N.
 
     It is c(q) = amplitude · sin(2π q/pitch + phase) at the true lengths q, (T, 6), m, with the sign
@@ -111,7 +103,7 @@ def length_drift(final: Array, time: Array, duration: float) -> Array:
 
 
 def draw_gross_errors(
-    outliers: Outliers, count: int, rng: np.random.Generator
+    outliers: experiment.Outliers, count: int, rng: np.random.Generator
 ) -> tuple[Array, Array]:
     """Draw gross errors of lengths (m) and forces (N), (count, 6) each; mostly zeros.
 
@@ -135,13 +127,13 @@ def quantise(values: Array, step: float) -> Array:
     return np.round(values / step) * step if step > 0 else values
 
 
-def force_gains(error: ForceConstantError, time: Array, duration: float) -> Array:
+def force_gains(error: experiment.ForceConstantError, time: Array, duration: float) -> Array:
     """Return measured over true force, (T, 6), at times from the start, (T,), s."""
     drift = 1 + np.multiply.outer(time / duration, np.asarray(error.drift))
     return (1 + error.common) * (1 + np.asarray(error.each)) * drift
 
 
-def hum_force(hum: HumDisturbance, time: Array, rng: np.random.Generator) -> Array:
+def hum_force(hum: experiment.HumDisturbance, time: Array, rng: np.random.Generator) -> Array:
     """Draw the hum in the measured forces, (T, 6), N, at times (T,), s.
 
     The phase is continuous over the whole recording, for any period of the motion.
@@ -156,7 +148,7 @@ def hum_force(hum: HumDisturbance, time: Array, rng: np.random.Generator) -> Arr
     return found
 
 
-def draw_kept_samples(lost: Lost, count: int, rng: np.random.Generator) -> Mask:
+def draw_kept_samples(lost: experiment.Lost, count: int, rng: np.random.Generator) -> Mask:
     """Draw the samples that the recording keeps, (T,)."""
     if lost.share is not None:
         return rng.random(count) >= lost.share
