@@ -270,10 +270,8 @@ def doubts_in_words(effects: Sequence[Effect]) -> str:
     """Join the doubts about effects."""
     found = dict.fromkeys(effect.doubt for effect in effects)
     if len(effects) > 1:
-        impossible, one = (
-            (_IMPOSSIBLE, _ANOTHER_IMPOSSIBLE),
-            "one of them has an impossible sign or size",
-        )
+        one = "one of them has an impossible sign or size"
+        impossible = (_IMPOSSIBLE, _ANOTHER_IMPOSSIBLE)
         found = dict.fromkeys(one if doubt in impossible else doubt for doubt in found)
     return join_words(found)
 

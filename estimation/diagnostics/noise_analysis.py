@@ -174,11 +174,8 @@ def noise_block(noise: noise_result.NoiseResult) -> str:
         ),
         "noise:",
     ]
-    freedoms = {"force": noise.force_freedom, "length": noise.length_freedom}
-    densities = {"force": noise.force_density, "length": noise.length_density}
-    covariances = {"force": noise.force_covariance, "length": noise.length_covariance}
     for kind, (factor, unit) in _UNITS.items():
-        covariance = covariances[kind]
+        covariance = getattr(noise, f"{kind}_covariance")
         std = np.sqrt(np.diag(covariance))
         if not np.all(std > 0):
             still = np.flatnonzero(std == 0) + 1
@@ -190,8 +187,8 @@ def noise_block(noise: noise_result.NoiseResult) -> str:
             continue
         sizes = ", ".join(f"{factor * size:.4g} {unit}" for size in std)
         lines.append(f"  {kind}_std: [{sizes}]")
-        lines += _correlation(kind, covariance, freedoms[kind])
-        lines += _spectrum_comment(noise, kind, densities[kind])
+        lines += _correlation(kind, covariance, getattr(noise, f"{kind}_freedom"))
+        lines += _spectrum_comment(noise, kind)
     return "\n".join(lines) + "\n"
 
 
@@ -207,11 +204,10 @@ def _correlation(kind: str, covariance: Array, freedom: float) -> list[str]:
     return [f"  {kind}_correlation:", *(f"    - [{row}]" for row in rows)]
 
 
-def _spectrum_comment(
-    noise: noise_result.NoiseResult, kind: str, density: noise_result.NoiseDensity
-) -> list[str]:
+def _spectrum_comment(noise: noise_result.NoiseResult, kind: str) -> list[str]:
     test = getattr(noise.whiteness, f"{kind}_noise")
     hum = any(line.quantity == kind for line in noise.hum)
+    density = getattr(noise, f"{kind}_density")
     if not len(density.frequency) or not (hum or (test is not None and np.any(test.failed))):
         return []
     why = "hums" if hum else "is not white"

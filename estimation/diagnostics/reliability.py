@@ -147,10 +147,8 @@ def candidate_reliability(
     tests = attribution.first
     signature = Signature.concatenate([each.hypothesis.columns for each in tests.families.values()])
     count = int(np.count_nonzero(part.free))
-    forces, lengths = (
-        part.cells.expand(signature.forces),
-        part.length_cells.expand(signature.lengths),
-    )
+    forces = part.cells.expand(signature.forces)
+    lengths = part.length_cells.expand(signature.lengths)
     if known is not None:  # a known motion
         samples = (len(influence.experiment.recording.forces.times), *forces.shape[1:])
         lengths, some = np.broadcast_to(0.0, samples), forces

@@ -201,10 +201,8 @@ def _choose_noise(
 ) -> NoiseModel:
     """Choose the noise of forces and lengths; the experiment's own object if both stay."""
     noise, recording = experiment.noise, experiment.recording
-    forces, lengths = (
-        choose(noise.forces, recording.forces),
-        choose(noise.lengths, recording.lengths),
-    )
+    forces = choose(noise.forces, recording.forces)
+    lengths = choose(noise.lengths, recording.lengths)
     if forces is noise.forces and lengths is noise.lengths:
         return noise
     return NoiseModel(forces, lengths)

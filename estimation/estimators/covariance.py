@@ -168,19 +168,12 @@ def difference_covariance(first: Sequence[Influence], second: Sequence[Influence
     for pair in zip(first, second, strict=True):
         one, other = (each.of(own_rows) for each in pair)
         recording, noise = one.experiment.recording, one.experiment.noise
-        for parts, own, counts in (
-            (
-                zip(one.forces(), other.forces(), strict=True),
-                noise.forces,
-                one.experiment.effective_counts,
-            ),
-            (
-                zip(one.lengths(), other.lengths(), strict=True),
-                noise.lengths,
-                recording.lengths.counts,
-            ),
+        for mine, others, own, counts in (
+            (one.forces(), other.forces(), noise.forces, one.experiment.effective_counts),
+            (one.lengths(), other.lengths(), noise.lengths, recording.lengths.counts),
         ):
-            apart = ((part, mine - others) for (part, mine), (_, others) in parts)
+            parts = zip(mine, others, strict=True)
+            apart = ((part, gain - less) for (part, gain), (_, less) in parts)
             total = total + _sandwich_covariance(apart, own.as_weighted_with(), counts, 1.0).matrix
     return total
 

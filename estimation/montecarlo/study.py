@@ -149,12 +149,8 @@ def _result(
         found = [(number, outcome) for number, outcome in outcomes if not outcome.error]
         shape = (-1, len(priors.names))
         errors, std, widths = (
-            np.array(values, dtype=float).reshape(shape)
-            for values in (
-                [outcome.values for _, outcome in found],
-                [outcome.std for _, outcome in found],
-                [outcome.widths for _, outcome in found],
-            )
+            np.array([getattr(one, name) for _, one in found], dtype=float).reshape(shape)
+            for name in ("values", "std", "widths")
         )
         errors = errors - true
         pooled = None

@@ -179,11 +179,8 @@ class Channels:
             return None
         if repeats is None or len(repeats) < FEWEST_PERIODS or repeated.is_singular:
             return self.noise_before_sensors(repeated)
-        lines, covariance, size = (
-            self.recorded_lines(NoiseLines.of(repeats)),
-            repeated.covariance,
-            None,
-        )
+        lines, size = self.recorded_lines(NoiseLines.of(repeats)), None
+        covariance = repeated.covariance
         if self.profile is not None:
             size = self.profile.std
             scaled = NoiseLines.of(repeats / size).covariance
