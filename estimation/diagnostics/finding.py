@@ -58,9 +58,9 @@ class Finding:
         """Whether the assumption fails."""
         return self.outcome is FindingOutcome.FAILS
 
-    def of_experiment(self, number: int) -> Finding:
-        """Return the finding with the number of its experiment in its sentences."""
-        prefix = f"experiment {number}: "
+    def in_part(self, part: str) -> Finding:
+        """Return the finding with a part of the data, ``experiment 2``, in its sentences."""
+        prefix = f"{part}: "
         contradiction = self.contradiction and prefix + self.contradiction
         return replace(self, sentence=prefix + self.sentence, contradiction=contradiction)
 

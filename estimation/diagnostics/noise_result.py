@@ -339,10 +339,8 @@ def _extend_to_nyquist(
     """Return frequencies up to half of the sampling, and densities that are real at the ends."""
     frequencies = np.arange(len(density)) / (samples * step)
     if samples % 2:
-        frequencies, density = (
-            np.append(frequencies, 0.5 / step),
-            np.concatenate([density, density[-1:]]),
-        )
+        frequencies = np.append(frequencies, 0.5 / step)
+        density = np.concatenate([density, density[-1:]])
     else:
         frequencies[-1] = 0.5 / step
     density = density.copy()

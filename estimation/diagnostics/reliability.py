@@ -244,14 +244,7 @@ def common_effect_findings(
     )
     attribution = replace(attributions[0], effects=(effect,))
     finding = hypothesis_finding(attribution, best.item.hypothesis)
-    together = "all recordings together: "
-    return (
-        replace(
-            finding,
-            sentence=together + finding.sentence,
-            contradiction=together + finding.contradiction,
-        ),
-    )
+    return (finding.in_part("all recordings together"),)
 
 
 def _is_rival(one: CandidateReliability, best: CandidateReliability) -> bool:

@@ -184,7 +184,7 @@ def verdict(
     failures come first, causes before their consequences.
     """
     of_the_forces = tuple(
-        finding.of_experiment(number) if len(experiments) > 1 else finding
+        finding.in_part(f"experiment {number}") if len(experiments) > 1 else finding
         for number, experiment in enumerate(experiments, 1)
         for finding in experiment_findings(experiment, wrong_channels=bool(channels))
     )
@@ -528,10 +528,8 @@ def _periods(tests: _OfNoise) -> Finding:
         for j in np.flatnonzero(test.failed):
             changes[f"{kind} {j + 1}"] = f"by {factor * test.extent[j]:.2g} {unit}"
     all_changes = ", ".join(f"{channel} {change}" for channel, change in changes.items())
-    absent, present = (
-        "the means of the periods do not differ",
-        f"the means of periods change: {all_changes}",
-    )
+    absent = "the means of the periods do not differ"
+    present = f"the means of periods change: {all_changes}"
     return _ALIKE.decide(", ".join(changes), absent, present, p, force.level)
 
 
@@ -557,5 +555,7 @@ def check_motion_onset(experiments: Sequence[Experiment]) -> tuple[Finding, ...]
                 f"the struts do not move before {begin:.4g} s",
                 advice=f"leave the rows before the motion out: `data.start: {begin:.4g} s`",
             )
-            found.append(finding.of_experiment(number) if len(experiments) > 1 else finding)
+            found.append(
+                finding.in_part(f"experiment {number}") if len(experiments) > 1 else finding
+            )
     return tuple(found)

@@ -499,25 +499,16 @@ def identified_model(
         The estimate belongs to another robot, or the estimator is unknown.
     """
     names, key = result.parameters, result.best if estimator is None else estimator
-    for wrong, message, allowed in (
-        (
-            names != robot.parameter_names,
-            f"its parameters are not those of the robot {robot.name}",
-            ", ".join(robot.parameter_names),
-        ),
-        (
-            machine_name(result.robot) != machine_name(robot.name),
-            f"it is an estimate of the robot {result.robot!r}, not of {robot.name!r}",
-            robot.name,
-        ),
-        (
-            key not in result.estimators,
-            f"it has no estimator '{key}'",
-            ", ".join(result.estimators),
-        ),
-    ):
-        if wrong:
-            raise InputError(message, file=path, key="--estimate", allowed=allowed)
+    wrong, allowed = "", robot.name
+    if names != robot.parameter_names:
+        wrong = f"its parameters are not those of the robot {robot.name}"
+        allowed = ", ".join(robot.parameter_names)
+    elif machine_name(result.robot) != machine_name(robot.name):
+        wrong = f"it is an estimate of the robot {result.robot!r}, not of {robot.name!r}"
+    elif key not in result.estimators:
+        wrong, allowed = f"it has no estimator '{key}'", ", ".join(result.estimators)
+    if wrong:
+        raise InputError(wrong, file=path, key="--estimate", allowed=allowed)
     entry = result.estimators[key]
     # The damping of the motors belongs to the recordings.
     known_damping = {each.name: 0.0 for each in BACK_EMF.parameters if each.name in names}

@@ -227,11 +227,8 @@ def payload_rows(entry: EstimatorResult) -> Iterator[PayloadRow]:
     """Yield the ten parameters, then centre and inertia about it by the delta method."""
     if (result := entry.payload) is None:
         return
-    values, covariance, systematic = (
-        result.vector,
-        result.covariance,
-        result.covariance_systematic,
-    )
+    values, covariance = result.vector, result.covariance
+    systematic = result.covariance_systematic
     widths = interval_widths(result.freedom)
     yield from _rows(TEN, _UNITS, values, (covariance, systematic), widths)
     if values[0] > _SURE * np.sqrt(covariance[0, 0]):

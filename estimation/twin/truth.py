@@ -150,30 +150,15 @@ class ExperimentKeys:
     ] = "lengths"
 
 
-_DISTURBANCES = (
-    "tracking_error",
-    "drift",
-    "cogging",
-    "quantisation",
-    "outliers",
-    "force_constant",
-    "hum",
-    "delay",
-    "channel_delay",
-    "low_pass",
-    "clock",
-    "strut_length",
-    "compliance",
-    "lost",
-)
-"""Keys of the section `experiment` that are disturbances."""
+_UNDISTURBED = {"periods", "sampling", "seed", "truth", "follows", "payload"}
+"""Keys of the section `experiment` that are no disturbances."""
 
 
 def disturbance_keys(section: ExperimentSection, drift: dict[str, Any] | None) -> dict[str, Any]:
     """Return the disturbances of a run by their keys, SI, None if off; `drift`: that was drawn."""
-    found = section.model_dump(include=set(_DISTURBANCES)) | {"drift": drift}
+    found = section.model_dump(exclude=_UNDISTURBED) | {"drift": drift}
     off = (None, 0.0, (0.0,) * ACTUATORS, Delay().model_dump())
-    return {name: None if found[name] in off else found[name] for name in _DISTURBANCES}
+    return {name: None if value in off else value for name, value in found.items()}
 
 
 @dataclass(frozen=True, eq=False)
