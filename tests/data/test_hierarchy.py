@@ -122,6 +122,28 @@ def test_hdf5_groups_and_unit_attributes(tmp_path, rec, read):
     assert found.lengths == pytest.approx(rec.q, rel=1e-14)
 
 
+def _write(path, columns):
+    if path.suffix == ".npz":
+        np.savez(path, **columns)
+        return
+    with h5py.File(path, "w") if path.suffix == ".h5" else matlab73_file(path) as file:
+        for name, values in columns.items():
+            file[name] = values
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5", ".mat"])
+def test_files_without_a_time_and_with_one_group_each(suffix, tmp_path, rec, read):
+    files = {}
+    for group, name in (("q", "lengths"), ("Q", "forces")):
+        files[name] = str(tmp_path / f"{name}{suffix}")
+        own = {channel: rec.columns[channel] for channel in rec.columns if channel[0] == group}
+        _write(tmp_path / f"{name}{suffix}", own)
+    found = read(files["lengths"], files=files, sampling="1 kHz")
+    assert np.array_equal(found.lengths, rec.q)
+    assert found.forces == pytest.approx(rec.Q, rel=1e-9, abs=1e-9)
+    assert found.step == pytest.approx(1e-3)
+
+
 def test_hdf5_table(tmp_path, rec):
     path = tmp_path / "m.h5"
     with h5py.File(path, "w") as file:

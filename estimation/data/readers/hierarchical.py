@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import loadmat
 
-from constraints.arrays import Array
 from estimation.data.formats import FileFormat
 from estimation.data.table import (
     NUMERIC,
@@ -49,9 +48,7 @@ def read_arrays(path: Path, section: DataSection) -> RawTable:
     A Simulink "structure with time" has its signals under their labels too.
     """
     columns, arrays = _arrays(path)
-    picked = pick_columns(columns, section.columns, path, channels=section.channels)
-    _refuse_long(picked, path)
-    return RawTable(path, _load_columns(picked, arrays.__getitem__), picked)
+    return _table(path, section, columns, arrays.__getitem__)
 
 
 def _arrays(path: Path) -> tuple[list[RecordedColumn], dict[str, NDArray[Any]]]:
@@ -81,17 +78,14 @@ def read_hdf5(path: Path, section: DataSection, separator: str = "/") -> RawTabl
 
     In MATLAB's files the groups are structs, and their fields have names such as ``recording.q1``.
     """
-    h5py = import_module("h5py")
-    with h5py.File(path, "r") as file:
-        picked = pick_columns(_hdf5_columns(file, separator), section.columns, path)
-        _refuse_long(picked, path)
+    with import_module("h5py").File(path, "r") as file:
 
         def load(place: tuple[str, str | None]) -> NDArray[Any]:
             name, member = place
             array = file[name][()]
             return np.asarray(array if member is None else array[member])
 
-        return RawTable(path, _load_columns(picked, load), picked)
+        return _table(path, section, _hdf5_columns(file, separator), load)
 
 
 def list_hdf5(path: Path, separator: str = "/") -> FileContent:
@@ -167,19 +161,20 @@ def _array_columns(
             )
 
 
-def _refuse_long(picked: Mapping[str, RecordedColumn], path: Path) -> None:
-    for column in picked.values():
-        refuse_long(column.place[-1], path)
-
-
-def _load_columns(
-    picked: Mapping[str, RecordedColumn], load: Callable[[Any], NDArray[Any]]
-) -> dict[str, Array]:
-    """Return the numbers of the picked columns; each array is loaded once.
+def _table(
+    path: Path,
+    section: DataSection,
+    columns: Sequence[RecordedColumn],
+    load: Callable[[Any], NDArray[Any]],
+) -> RawTable:
+    """Pick the columns of the channels, and load each of their arrays once.
 
     Arrays that are too long are refused before: they may be few bytes in compressed form.
     `load` returns the array at a place of `_array_columns`.
     """
+    picked = pick_columns(columns, section.columns, path, channels=section.channels)
+    for column in picked.values():
+        refuse_long(column.place[-1], path)
     loaded: dict[Any, NDArray[Any]] = {}
     values = {}
     for channel, column in picked.items():
@@ -191,7 +186,7 @@ def _load_columns(
         # Nanoseconds since 1970 are exact as integers only.
         exact = channel == "t" and array.dtype.kind in "iu"
         values[channel] = np.ascontiguousarray(array, dtype=None if exact else np.float64)
-    return values
+    return RawTable(path, values, picked)
 
 
 def _is_not_hdf5(path: Path) -> bool:
