@@ -178,12 +178,8 @@ def measurement_of(
 ) -> Measurement:
     """Return the measurement in a table; arguments and exceptions as of `read_measurement`."""
     machine = robot if isinstance(robot, Robot) else Robot(robot)
-    description, home = machine.description, None
-    if section.length_offsets == "home":
-        # Lengths of the actuators: on a thread they are not the distances of the joints.
-        home = machine.inverse_kinematics(machine.home)
-    units, recorded = section.actuator_units(description), table
-    table, notes, voltages = convert_to_si(table, section, units, home)
+    description, recorded = machine.description, table
+    table, notes, voltages = convert_to_si(table, section, machine)
     table = trim(table, section)
     begin = table.first_row - recorded.first_row
     content = _content_hash(recorded.part(begin, begin + len(table)))
@@ -231,16 +227,15 @@ def _content_hash(table: RawTable) -> str:
 
 
 def convert_to_si(
-    table: RawTable, section: DataSection, units: ActuatorUnits, home: Array | None = None
+    table: RawTable, section: DataSection, machine: Robot
 ) -> tuple[RawTable, tuple[str, ...], bool]:
     """Convert a table to the struts' channels in s, m and N.
 
     The unit of a column comes from the file, from `section.units` for the channel or its group, or
     is SI. Angles, counts, torques, currents and voltages become lengths and forces along the struts
-    through `units`. Duty cycles are multiplied by a recorded supply voltage, which is left out.
-    Then a length or force is sign · scale · channel + offset, and q1 of the file is the length of
-    the first strut of `section.order`. `home` contains the lengths at home, (6,), m, for
-    ``offset: home``.
+    through the machine's units. Duty cycles are multiplied by a recorded supply voltage, which is
+    left out. Then a length or force is sign · scale · channel + offset, and q1 of the file is the
+    length of the first strut of `section.order`.
 
     Returns
     -------
@@ -254,7 +249,7 @@ def convert_to_si(
         conversion needs a drive, counts or force constants that are not stated; or counts or force
         constants are stated that no channel needs; or only some forces are voltages.
     """
-    values = dict(table.values)
+    values, units = dict(table.values), section.actuator_units(machine.description)
     problems: list[Problem] = []
     warnings: list[str] = []
     kinds = dict[str, Quantity | None]()
@@ -282,7 +277,7 @@ def convert_to_si(
     if len(voltages) > 1:
         message = "some forces are voltages or duty cycles, others not"
         raise InputError(table.header_problem(message, FORCE_CHANNELS[0], "one kind for all six"))
-    table = _apply_signs(replace(table, values=values), section, home)
+    table = _apply_signs(replace(table, values=values), section, machine)
     return _sort_by_strut(table, section), tuple(warnings), voltages == {True}
 
 
@@ -297,9 +292,7 @@ def file_channels(
     found: dict[str, NDArray[Any]] = {"t": data.time}
     if unit := section.units.get("t"):
         found["t"] = data.time / DURATION.parse(f"1 {unit}")
-    offsets = {"q": section.length_offsets, "Q": section.force_offsets}
-    if offsets["q"] == "home":
-        offsets["q"] = tuple(Robot(robot).inverse_kinematics(robot.home).tolist())
+    offsets = _offsets(section, Robot(robot))
     supply = robot.drive.supply if np.isfinite(robot.drive.supply) else 1.0
     for channel in (*LENGTH_CHANNELS, *FORCE_CHANNELS):
         strut, group = _strut(channel, section), channel[0]
@@ -374,14 +367,19 @@ def _refuse_unused_scales(
         raise InputError(table.header_problem(message, SUPPLY, allowed))
 
 
-def _apply_signs(table: RawTable, section: DataSection, home: Array | None) -> RawTable:
+def _offsets(section: DataSection, machine: Robot) -> dict[str, Array]:
+    """Return the offsets of lengths, m, and forces, N, of the struts.
+
+    Those at home are lengths of the actuators: on a thread they are not the distances of joints.
+    """
+    lengths = section.length_offsets
+    home = machine.inverse_kinematics(machine.home) if lengths == "home" else np.array(lengths)
+    return {"q": home, "Q": np.array(section.force_offsets)}
+
+
+def _apply_signs(table: RawTable, section: DataSection, machine: Robot) -> RawTable:
     """Return sign · scale · channel + offset for lengths and forces."""
-    offsets = {"q": section.length_offsets, "Q": section.force_offsets}
-    if offsets["q"] == "home":
-        if home is None:
-            raise ValueError("offsets at home need the lengths there")
-        offsets["q"] = tuple(home.tolist())
-    values = dict(table.values)
+    offsets, values = _offsets(section, machine), dict(table.values)
     for channel in (*LENGTH_CHANNELS, *FORCE_CHANNELS):
         strut, group = _strut(channel, section), channel[0]
         sign, offset = section.channel_signs(group)[strut], float(offsets[group][strut])
@@ -395,20 +393,16 @@ def _apply_signs(table: RawTable, section: DataSection, home: Array | None) -> R
 
 def _sort_by_strut(table: RawTable, section: DataSection) -> RawTable:
     """Rename the channels of the file to those of the struts."""
-    names = {
-        channel: f"{channel[0]}{_strut(channel, section) + 1}"
-        for channel in (*LENGTH_CHANNELS, *FORCE_CHANNELS)
-    }
-    if all(channel == name for channel, name in names.items()):
+    in_file = _names_in_file(section)
+    if all(channel == name for name, channel in in_file.items()):
         return table
+    names = {channel: name for name, channel in in_file.items()}
+    # The order of the columns stays the usual one.
+    read = {name: in_file.get(name, name) for name in table.values}
     return replace(
         table,
-        # The order of the columns stays the usual one.
-        values={name: table.values[_in_file(name, section)] for name in table.values},
-        columns={
-            name: table.columns.get(file := _in_file(name, section), RecordedColumn(file))
-            for name in table.values
-        },
+        values={name: table.values[own] for name, own in read.items()},
+        columns={name: table.columns.get(own, RecordedColumn(own)) for name, own in read.items()},
         texts={(names.get(name, name), row): text for (name, row), text in table.texts.items()},
     )
 
@@ -418,11 +412,10 @@ def _strut(channel: str, section: DataSection) -> int:
     return section.channel_order(channel[0])[int(channel[1]) - 1] - 1
 
 
-def _in_file(channel: str, section: DataSection) -> str:
-    """Return the file's name for the channel of a strut."""
-    if channel not in LENGTH_CHANNELS and channel not in FORCE_CHANNELS:
-        return channel
-    return f"{channel[0]}{section.channel_order(channel[0]).index(int(channel[1])) + 1}"
+def _names_in_file(section: DataSection) -> dict[str, str]:
+    """Return the file's name for each length and force of a strut."""
+    channels = (*LENGTH_CHANNELS, *FORCE_CHANNELS)
+    return {f"{channel[0]}{_strut(channel, section) + 1}": channel for channel in channels}
 
 
 def _factor(
@@ -535,7 +528,7 @@ def refuse_implausible_lengths(
             zero = f"{readings.offsets[strut]:.4g}"
             hint = f"; data.offset is {zero} m, and the length would fit with {zero} {unit}"
         else:
-            hint = _hint(allowed, readings, strut)
+            hint = readings.hint(allowed, strut)
         unexplained |= bool(unit) or not explained or bool(far[strut] and not hint)
         problems.append(allowed.problem(table, strut, row, message + hint))
     if unexplained:
@@ -578,10 +571,8 @@ class _Readings:
         home, at_home = robot.struts_at(robot.home).lengths, section.length_offsets == "home"
         signs = np.array(section.channel_signs("q"))
         offsets = home if at_home else np.array(section.length_offsets)
-        own = section.actuator_units(robot)
-        factors = [
-            _factor(_in_file(c, section), c, table, section, own)[0] for c in LENGTH_CHANNELS
-        ]
+        own, names = section.actuator_units(robot), _names_in_file(section)
+        factors = [_factor(names[c], c, table, section, own)[0] for c in LENGTH_CHANNELS]
         positions = signs * (middle - offsets)
         stated = not at_home and bool(np.any(offsets))
         return cls(home, signs, offsets, positions, positions / factors, stated)
@@ -604,27 +595,25 @@ class _Readings:
         fitting = (unit for unit, found in lengths.items() if np.all(allowed.fits(found)))
         return next(fitting, "")
 
-
-def _hint(allowed: LengthRange, readings: _Readings, strut: int) -> str:
-    """Suggest a unit, sign or offset with which a strut's median length is plausible."""
-    home, signs, offsets = readings.home, readings.signs, readings.offsets
-    positions, units = readings.positions, readings.fitting_units(allowed)
-    from_home = not np.any(offsets)
-    stroke = allowed.upper - allowed.lower
-    if (
-        from_home
-        and abs(np.mean(positions)) < _NEAR_HOME * np.min(stroke)
-        and np.all(allowed.fits(home + signs * positions))
-        and not any(map(np.all, units.values()))
-    ):
-        # A common cause for all six precedes units that fit single struts by chance.
-        return _ZERO_AT_HOME
-    for unit, fits in units.items():
-        if fits[strut]:
-            return f"; it would fit if the file were in {unit}: data.units: {{q: {unit}}}"
-    if allowed.fits(offsets - signs * positions)[strut]:
-        hint = f"data.sign: {{q: {-signs[strut]}}}"
-        return f"; it would fit if the channel counted the other way: {hint}"
-    if from_home and np.abs(positions)[strut] < _NEAR_HOME * stroke[strut]:
-        return _ZERO_AT_HOME
-    return ""
+    def hint(self, allowed: LengthRange, strut: int) -> str:
+        """Suggest a unit, sign or offset with which a strut's median length is plausible."""
+        positions, units = self.positions, self.fitting_units(allowed)
+        from_home = not np.any(self.offsets)
+        stroke = allowed.upper - allowed.lower
+        if (
+            from_home
+            and abs(np.mean(positions)) < _NEAR_HOME * np.min(stroke)
+            and np.all(allowed.fits(self.home + self.signs * positions))
+            and not any(map(np.all, units.values()))
+        ):
+            # A common cause for all six precedes units that fit single struts by chance.
+            return _ZERO_AT_HOME
+        for unit, fits in units.items():
+            if fits[strut]:
+                return f"; it would fit if the file were in {unit}: data.units: {{q: {unit}}}"
+        if allowed.fits(self.offsets - self.signs * positions)[strut]:
+            hint = f"data.sign: {{q: {-self.signs[strut]}}}"
+            return f"; it would fit if the channel counted the other way: {hint}"
+        if from_home and np.abs(positions)[strut] < _NEAR_HOME * stroke[strut]:
+            return _ZERO_AT_HOME
+        return ""

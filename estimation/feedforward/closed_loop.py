@@ -290,18 +290,13 @@ class ForwardDynamics:
         fastest = float(np.max(np.abs(np.linalg.eigvals(by_rate))))
         return _REACH / fastest if fastest > 0 else np.inf
 
-    def stepper(self, step: float) -> Callable[[Array, Array], tuple[Array, Array]]:
+    def stepper(self, step: float) -> Callable[[Array, Array], list[Array]]:
         """Return a function that advances states (N, 12) by a step, s, at constant forces (N, 6).
 
         The function returns the new states and their lengths (N, 6).
         """
         kernel, fixed = _step_kernel(self.model.robot.terms), [*self._fixed, np.array([step])]
-
-        def advance(states: Array, forces: Array) -> tuple[Array, Array]:
-            after, lengths = kernel(states, forces, *fixed)
-            return after, lengths
-
-        return advance
+        return lambda states, forces: kernel(states, forces, *fixed)
 
     def _slopes(self, states: Array, forces: Array) -> list[Array]:
         return _acceleration_kernel(self.model.robot.terms)(states, forces, *self._fixed)

@@ -216,11 +216,8 @@ def least_favourable(projection: Projection, values: Array) -> Array:
         if slack < NEAR * np.linalg.norm(combination @ projection.noise):
             found = found - slack * removed
     found = _remove_small_inertia(projection, found)
-    found = np.where(projection.movable, found, values)
-    try:
-        return projection.of(found).values
-    except NoBodiesError:
-        return values
+    nearest = _nearest(projection, np.where(projection.movable, found, values))
+    return values if nearest is None else nearest.values
 
 
 def _remove_small_inertia(projection: Projection, values: Array) -> Array:

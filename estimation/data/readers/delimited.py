@@ -138,8 +138,13 @@ def read(path: Path, section: DataSection) -> RawTable:
     columns = [header_column(name, position) for position, name in enumerate(names)]
     try:
         picked = pick_columns(columns, section.columns, path, number, channels=section.channels)
-    except InputError as error:
-        raise _with_delimiter_hint(error, path, line, delimiter, number) from None
+    except InputError:
+        other = next((shown for mark, shown in _OTHER_DELIMITERS.items() if mark in line), None)
+        if delimiter in line or other is None:
+            raise
+        message = f"the header has no delimiter '{delimiter}'"
+        allowed = f"data.delimiter: the one of the file, perhaps {other}"
+        raise InputError(message, path, number, allowed=allowed) from None
     positions = {channel: columns.index(column) for channel, column in picked.items()}
     row = next(csv.reader(first[:1], delimiter=delimiter), [])
     timed = positions.get("t", len(row)) < len(row)
@@ -202,22 +207,6 @@ def _gather_rows(
         texts,
         form.header.before + 1,
         0.0 if form.clock is None else form.clock.origin,
-    )
-
-
-def _with_delimiter_hint(
-    error: InputError, path: Path, header: str, delimiter: str, line: int
-) -> InputError:
-    if delimiter in header:
-        return error
-    other = next((shown for mark, shown in _OTHER_DELIMITERS.items() if mark in header), None)
-    if other is None:
-        return error
-    return InputError(
-        f"the header has no delimiter '{delimiter}'",
-        path,
-        line,
-        allowed=f"data.delimiter: the one of the file, perhaps {other}",
     )
 
 

@@ -35,32 +35,21 @@ def read(path: Path, section: DataSection) -> RawTable:
     InputError
         Channels are missing, or have been recorded at different times.
     """
-    with import_module("asammdf").MDF(path) as file:
-        return _table(file, path, section)
-
-
-def list_channels(path: Path) -> FileContent:
-    """List the channels of a file."""
-    with import_module("asammdf").MDF(path) as file:
-        return FileContent(list(_columns(file)), has_time=True)
-
-
-def _table(file: Any, path: Path, section: DataSection) -> RawTable:
-    picked = pick_columns(
-        list(_columns(file)),
-        section.columns,
-        path,
-        optional=OPTIONAL | {"t"},
-        channels=section.channels,
-    )
-    if "t" not in section.columns:
-        picked.pop("t", None)
     signals: dict[str, Any] = {}
-    for channel, column in picked.items():
-        group, index = column.place
-        refuse_long(int(file.groups[group].channel_group.cycles_nr), path)
-        signals[channel] = file.get(group=group, index=index, ignore_invalidation_bits=True)
-    columns = dict(picked)
+    with import_module("asammdf").MDF(path) as file:
+        columns = pick_columns(
+            list(_columns(file)),
+            section.columns,
+            path,
+            optional=OPTIONAL | {"t"},
+            channels=section.channels,
+        )
+        if "t" not in section.columns:
+            columns.pop("t", None)
+        for channel, column in columns.items():
+            group, index = column.place
+            refuse_long(int(file.groups[group].channel_group.cycles_nr), path)
+            signals[channel] = file.get(group=group, index=index, ignore_invalidation_bits=True)
     _refuse_other_times(signals, columns, path)
     values: dict[str, Array] = {}
     texts: dict[tuple[str, int], str] = {}
@@ -81,6 +70,12 @@ def _table(file: Any, path: Path, section: DataSection) -> RawTable:
             values[channel][invalid] = np.nan
             texts |= {(channel, int(row)): "marked invalid" for row in np.flatnonzero(invalid)}
     return RawTable(path, values, columns, texts=texts)
+
+
+def list_channels(path: Path) -> FileContent:
+    """List the channels of a file."""
+    with import_module("asammdf").MDF(path) as file:
+        return FileContent(list(_columns(file)), has_time=True)
 
 
 def _columns(file: Any) -> Iterator[RecordedColumn]:
