@@ -123,12 +123,18 @@ class Rows:
 
     def part(self, first: int, last: int, delay: float = 0.0) -> Rows:
         """Return rows from the first to the last, delayed by a time, s."""
-        rows = slice(first, last + 1)
-        times = self.times[rows] + delay
-        columns = {name: values[rows] for name, values in self.columns.items()}
-        rate = None if self.rate is None else self.rate[rows]
-        acceleration = None if self.acceleration is None else self.acceleration[rows]
-        return Rows(times, self.position[rows], rate, acceleration, columns)
+        numbers = np.arange(first, min(last + 1, len(self.times)))
+        return self._select(numbers, self.times[numbers] + delay)
+
+    def _select(self, numbers: NDArray[np.intp], times: Array) -> Rows:
+        columns = {name: values[numbers] for name, values in self.columns.items()}
+        return Rows(
+            times,
+            self.position[numbers],
+            None if self.rate is None else self.rate[numbers],
+            None if self.acceleration is None else self.acceleration[numbers],
+            columns | ({"t": times} if "t" in columns else {}),
+        )
 
     def every_time(self) -> Iterator[float]:
         """Yield the times of all rows of the table, s."""
@@ -146,15 +152,7 @@ class Rows:
             self.period * np.array([0, *range(1, self.repeated + 1), self.repeated]),
             [last + 1, *[count] * self.repeated, behind],
         )
-        times = self.times[numbers] + delays
-        columns = {name: values[numbers] for name, values in self.columns.items()}
-        return Rows(
-            times,
-            self.position[numbers],
-            None if self.rate is None else self.rate[numbers],
-            None if self.acceleration is None else self.acceleration[numbers],
-            columns | ({"t": times} if "t" in columns else {}),
-        )
+        return self._select(numbers, self.times[numbers] + delays)
 
     @property
     def velocities(self) -> Array:
