@@ -127,9 +127,9 @@ class LagSearch:
         return replace(found, delay=total - constant, low_pass=constant, excess=float(both.fun))
 
     def _gain(self, found: Candidate) -> float:
-        """Return the decrease of the excess by a low pass in place of a share s of a delay.
+        """Return the largest decrease of the excess by a low pass for a share s of a delay.
 
-        Its largest value, if the excess changes by −c s² + k s⁴: the mean lag stays the same.
+        It changes by −c s² + k s⁴, since the mean lag stays the same.
         """
         lag, squares = found.delay, np.array([1 / 16, 1 / 4])
         rises = [

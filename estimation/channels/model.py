@@ -370,7 +370,7 @@ class ChannelModel:
         return fit.fit_gains(found.forces)[1]
 
     def effect_of_lag(self, present: Candidate, late: float) -> Array:
-        """Return what a further lag, s, changes in the forces beside all parameters, (R, 6)."""
+        """Return the change, (R, 6), of forces by a further lag, s, that no parameter explains."""
         motion, low_pass = self.motion(present.lengths), present.low_pass or 0.0
         # A tiny lag, as the jumps of dry friction are spread behind any.
         now = self.fit(motion, present.delay + _TINY_LAG, low_pass)

@@ -92,7 +92,7 @@ def hexapod(
     """Return the hexapod in a mechanism; struts are numbered in the order of their slides.
 
     `base` is the body that does not move, by default the one that carries the struts' first bodies.
-    Joints that a reader `added` count as those of the file, except in messages on what it has.
+    Joints that a reader `added` count as those of the file, except in messages about the file.
     """
     described, joints = joints, [*joints, *added]
     groups = Groups(len(bodies), joints)

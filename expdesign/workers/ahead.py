@@ -22,7 +22,7 @@ it seems at present, the most important one first."""
 
 
 def unknown_jobs(procedure: Procedure, known: Known) -> Iterator[Job]:
-    """Yield the jobs of a procedure whose results are unknown, as far as they can be foreseen.
+    """Yield the foreseeable jobs of a procedure whose results are unknown.
 
     The expected result of a job is assumed where it is unknown.
     """
