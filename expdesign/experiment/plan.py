@@ -7,6 +7,7 @@ of the machine make. A goal below its floor needs smaller tolerances.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic_core import PydanticCustomError
+from scipy.optimize import bisect
 
 from constraints.arrays import Array
 from expdesign.configuration import ComputationError, InputError, RunConfiguration
@@ -53,7 +55,6 @@ _CURVE = 25
 """Number of points of a curve."""
 _HALF = math.sqrt(0.5)
 """Share of a goal that the floor may take, so that half of the variance is left to noise."""
-_STEPS = 40
 _OF_VARIANCES = ("d", "a", "e")
 """Criteria that are a mean of variances or the largest one."""
 
@@ -98,8 +99,8 @@ class PlannedGoal:
         described(
             "see tolerance_unit", "tolerance `obstacle` in the robot file, the largest of several"
         ),
-    ]
-    tolerance_unit: Annotated[str, described("", "its SI unit; empty: none, or noise")]
+    ] = np.nan
+    tolerance_unit: Annotated[str, described("", "its SI unit; empty: none, or noise")] = ""
     tolerance_percent: Annotated[
         OpenNumber,
         described(
@@ -108,10 +109,10 @@ class PlannedGoal:
             "half of the wanted variance to noise; empty if the goal is reachable, no size is "
             "enough, or noise is the largest source",
         ),
-    ]
+    ] = np.nan
     all_tolerances_percent: Annotated[
         OpenNumber, described("%", "the same for all tolerances together")
-    ]
+    ] = np.nan
 
 
 @dataclass(frozen=True)
@@ -190,6 +191,7 @@ def plan_measurement(configuration: RunConfiguration, trajectory: FourierTraject
         )
     goals = [_planned(wish, prediction) for wish in wanted]
     limit, gain = _helpful_limit(configuration, trajectory)
+    of_variances = configuration.run.design.criterion in _OF_VARIANCES
     return PlanResult(
         name=configuration.run.name,
         robot_name=configuration.robot.name,
@@ -197,7 +199,7 @@ def plan_measurement(configuration: RunConfiguration, trajectory: FourierTraject
         estimator="tolerances estimated" if prediction.estimated else "budget",
         limit=limit,
         limit_gain_percent=gain,
-        limit_std_percent=_std_reduction(configuration.run.design.criterion, gain),
+        limit_std_percent=100 * (1 - (1 + gain / 100) ** -0.5) if of_variances else np.nan,
         goals=tuple(goals),
         curves=tuple(_curves(goals, prediction)),
     )
@@ -246,37 +248,16 @@ def goals_of_design(result: DesignResult) -> tuple[PlannedGoal, ...]:
                 minutes=periods * period / 60,
                 source=sources[place],
                 obstacle=sources[place] if missed else "",
-                tolerance=np.nan,
-                tolerance_unit="",
-                tolerance_percent=np.nan,
-                all_tolerances_percent=np.nan,
             )
         )
     return tuple(goals)
 
 
-def minutes_to_goals(
-    configuration: RunConfiguration, trajectory: FourierTrajectory
-) -> dict[str, float]:
+def minutes_to_goals(configuration: RunConfiguration, prediction: Prediction) -> dict[str, float]:
     """Return the measuring time that reaches each goal of a run, min; NaN where none does."""
-    prediction = Prediction.of(configuration, trajectory)
-    found = dict[str, float]()
-    for wish in _wishes(configuration.run.goals, prediction, configuration.file):
-        periods = prediction.fewest_periods(wish.ratio)
-        found[wish.name] = periods * trajectory.period / 60
-    return found
-
-
-def median_std_percent(
-    configuration: RunConfiguration, trajectory: FourierTrajectory, seconds: float
-) -> float:
-    """Return the median of the parameters' relative standard deviations after a time, %."""
-    prediction = Prediction.of(configuration, trajectory)
-    own = slice(-len(prediction.evaluator.names), None)
-    values = np.abs(prediction.values[own])
-    std = prediction.errors(seconds / trajectory.period).std[own]
-    known = values > 0
-    return float(np.median(100 * std[known] / values[known])) if np.any(known) else np.nan
+    wishes = _wishes(configuration.run.goals, prediction, configuration.file)
+    periods = {wish.name: prediction.fewest_periods(wish.ratio) for wish in wishes}
+    return {name: number * prediction.period / 60 for name, number in periods.items()}
 
 
 def check_goals(configuration: RunConfiguration, wanted: Mapping[str, Any] | None = None) -> None:
@@ -390,6 +371,13 @@ class Prediction(_Quantities):
         )
         return shares.of(self.rows)
 
+    def median_std_percent(self, seconds: float) -> float:
+        """Return the median of the parameters' relative standard deviations after a time, %."""
+        own = slice(-len(self.evaluator.names), None)
+        values, std = np.abs(self.values[own]), self.errors(seconds / self.period).std[own]
+        known = values > 0
+        return float(np.median(100 * std[known] / values[known])) if np.any(known) else np.nan
+
     def longest(self) -> int:
         """Return the number of periods of the longest planned measuring time."""
         return max(1, int(LONGEST_DAYS * _DAY / self.period))
@@ -400,20 +388,14 @@ class Prediction(_Quantities):
         It is sufficient where `excess`, the ratio of a predicted to a wanted standard deviation, is
         at most 1; the errors fall with it. It is 0 if earlier recordings are sufficient.
         """
-        if excess(self.errors(self.longest())) > 1:
+
+        def suffice(periods: int) -> bool:
+            return excess(self.errors(periods)) <= 1
+
+        if not suffice(self.longest()):
             return np.nan
-        if self.effects.earlier is not None and excess(self.errors(0)) <= 1:
-            return 0.0
-        low, high = 0, 1
-        while excess(self.errors(high)) > 1:
-            low, high = high, 2 * high
-        while high - low > 1:
-            middle = (low + high) // 2
-            if excess(self.errors(middle)) > 1:
-                low = middle
-            else:
-                high = middle
-        return float(high)
+        fewest = 0 if self.effects.earlier is not None else 1
+        return float(fewest + bisect_left(range(fewest, self.longest()), True, key=suffice))
 
     def noise(self) -> ErrorShares:
         """Return the errors with exact tolerances after the longest planned measuring time."""
@@ -546,13 +528,7 @@ def _largest_factor(wish: _Wish, prediction: Prediction, sources: tuple[str, ...
         whole = changed.errors(prediction.longest())
         return max(wish.excess(changed.floor())[0] / _HALF, wish.excess(whole)[0])
 
-    if excess(0.0) > 1:
-        return np.nan
-    low, high = 0.0, 1.0
-    for _ in range(_STEPS):
-        middle = (low + high) / 2
-        low, high = (low, middle) if excess(middle) > 1 else (middle, high)
-    return low
+    return np.nan if excess(0.0) > 1 else float(bisect(lambda factor: excess(factor) - 1, 0.0, 1.0))
 
 
 def _curves(goals: list[PlannedGoal], prediction: Prediction) -> Iterator[PrecisionPoint]:
@@ -577,15 +553,3 @@ def _helpful_limit(
         return "", np.nan
     key = found.costliest
     return ("", np.nan) if key is None else (key, 100 * found.gains[key])
-
-
-def _std_reduction(criterion: str, gain: float) -> float:
-    """Return the reduction of standard deviations, %, by a criterion's gain, %; NaN if unrelated.
-
-    Examples
-    --------
-    >>> round(_std_reduction("d", 21.0), 3)
-    9.091
-    """
-    known = criterion in _OF_VARIANCES
-    return 100 * (1 - float((1 + gain / 100) ** -0.5)) if known else np.nan

@@ -18,7 +18,7 @@ from expdesign.configuration.design import path_units
 from expdesign.configuration.grid import resolved_cell, short_path, value_text
 from expdesign.configuration.run import GridPoint
 from expdesign.experiment.design import design
-from expdesign.experiment.plan import median_std_percent, minutes_to_goals
+from expdesign.experiment.plan import Prediction, minutes_to_goals
 from expdesign.experiment.result import DesignResult
 from expdesign.runfolder import OpenNumber, RowTable, StageResult, Table, described
 from expdesign.workers import JobJournal, Monitor
@@ -113,8 +113,9 @@ class SweptDesign:
         configuration, motion = point.configuration, result.trajectory
         equal, minutes = math.nan, dict[str, float]()
         if not configuration.run.design.is_change:
-            equal = median_std_percent(configuration, motion, seconds)
-            minutes = minutes_to_goals(configuration, motion)
+            prediction = Prediction.of(configuration, motion)
+            equal = prediction.median_std_percent(seconds)
+            minutes = minutes_to_goals(configuration, prediction)
         percents = {p.name: p.rel_std_percent for p in result.parameters}
         known = {name: value for name, value in percents.items() if np.isfinite(value)}
         worst = max(known, key=lambda name: known[name], default="")

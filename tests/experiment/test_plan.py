@@ -17,8 +17,8 @@ from expdesign.configuration.run import GridPoint
 from expdesign.experiment.judging import noise_evaluator
 from expdesign.experiment.plan import (
     PlanResult,
+    Prediction,
     goals_of_design,
-    median_std_percent,
     minutes_to_goals,
     plan_measurement,
 )
@@ -336,10 +336,11 @@ def test_a_design_without_usable_goals():
 def test_a_sweep_has_the_minutes_of_each_goal():
     config = _run({"mass": "0.5 %", "v1": "1e-7 %"})
     plan = plan_measurement(config, MOTION)
-    found = minutes_to_goals(config, MOTION)
+    prediction = Prediction.of(config, MOTION)
+    found = minutes_to_goals(config, prediction)
     assert found["mass"] == plan.goals[0].minutes
     assert np.isnan(found["v1"])
-    once, twice = (median_std_percent(config, MOTION, seconds) for seconds in (3.0, 6.0))
+    once, twice = map(prediction.median_std_percent, (3.0, 6.0))
     assert once == pytest.approx(np.sqrt(2) * twice)
     points = replace(config, run=config.run.model_copy(update={"sweep": {"design.seed": (0,)}}))
     point = GridPoint({"design.seed": 0}, "seed-0", config)
