@@ -23,10 +23,6 @@ Quantities = Mapping[str, ca.SX]
 BoundKind = Literal["interval", "symmetric", "upper", "lower"]
 
 
-def _identity(bound: NDArray[np.float64]) -> NDArray[np.float64]:
-    return bound
-
-
 def _by_none(limits: Mapping[str, Limit]) -> None:
     del limits
 
@@ -66,7 +62,7 @@ class LimitDefinition:
     numerical: Callable[[Array], Array] | None = None
     """Values of `natural`, (N, k), → the rows that the user reads, (N, R), where no expression
     gives them: singular values. `smooth` is needed then. None: they are those of `natural`."""
-    transform: Callable[[NDArray[np.float64]], NDArray[np.float64]] = field(default=_identity)
+    transform: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.positive
     """Maps bounds on `natural` to bounds on `smooth`; strictly monotone up to `widest`."""
     decreasing: bool = False
     """True when `transform` is decreasing (tilt → cosine), so that the bounds swap."""
@@ -96,23 +92,14 @@ class LimitDefinition:
         """Return the rows in the form that an optimiser can differentiate."""
         return ca.densify((self.smooth or self.natural)(quantities))
 
-    def share_used(self, value: float, bound: float, violation: float) -> float:
+    def shares_used(self, values: Array, bounds: Array, violations: Array) -> Array:
         """Return how much of a limit is used: 1 at the bound, more beyond it.
 
         Of a limit with two sides it is counted from the middle of the range (for ±b that is
-        |value| / b), of an upper bound it is value / bound, of a lower bound bound / value.
-
-        Parameters
-        ----------
-        value, bound : float
-            The row's value, and the bound that it comes closest to.
-        violation : float
-            Excess over that bound as a share of the row's range.
+        |value| / b), of an upper bound it is value / bound, of a lower bound bound / value. The
+        arguments are rows' values, the bounds that they come closest to, and the excess over those
+        as a share of the row's range.
         """
-        return float(self.shares_used(*np.array([[value], [bound], [violation]]))[0])
-
-    def shares_used(self, values: Array, bounds: Array, violations: Array) -> Array:
-        """Return the same of many values, in the shape of the arguments."""
         if self.kind in ("interval", "symmetric"):
             return 1 + 2 * violations
         if self.kind == "lower":
@@ -245,15 +232,14 @@ class Limit:
         """Return how far one row's value breaks its bounds, as a share of its range."""
         return float(max(self.lower[row] - value, value - self.upper[row]) / self.range[row])
 
-    def nearest_bound(self, row: int, value: float) -> float:
-        """Return the bound of a row that a value breaks most, or comes closest to."""
-        below, above = self.lower[row] - value, value - self.upper[row]
-        return float(self.lower[row] if below > above else self.upper[row])
+    def nearest_bound(self, row: int, value: float, *, stated: bool = False) -> float:
+        """Return the bound of a row that a value breaks most, or comes closest to.
 
-    def nearest_stated(self, row: int, value: float) -> float:
-        """Return the same bound as it is stated, without the reserve."""
+        A `stated` one is without the reserve.
+        """
         below, above = self.lower[row] - value, value - self.upper[row]
-        return float(self.stated_bounds[0 if below > above else 1][row])
+        bounds = self.stated_bounds if stated else (self.lower, self.upper)
+        return float(bounds[0 if below > above else 1][row])
 
 
 def _finite(transform: Callable[[Array], Array], bound: Array, absent: float) -> Array:

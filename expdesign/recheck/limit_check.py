@@ -95,7 +95,7 @@ class LimitCheck:
 
     @property
     def used(self) -> float:
-        """Share of the limit that is used, 1 at the bound; see `LimitDefinition.share_used`."""
+        """Share of the limit that is used, 1 at the bound; see `LimitDefinition.shares_used`."""
         return self._share_used(self.value, self.violation)
 
     @property
@@ -107,7 +107,8 @@ class LimitCheck:
         definition = limit_definitions().get(self.key)
         if definition is None:
             return 1 + violation
-        return definition.share_used(value, self.bound, violation)
+        numbers = np.array([value, self.bound, violation])
+        return float(definition.shares_used(*numbers))
 
     @property
     def strut(self) -> int | None:
@@ -244,7 +245,7 @@ def limit_check(limit: Limit, row: int, value: float, violation: float, time: fl
         violation=violation,
         time=time,
         origin=limit.origin,
-        stated=limit.nearest_stated(row, value),
+        stated=limit.nearest_bound(row, value, stated=True),
         reserve=limit.reserve,
     )
 

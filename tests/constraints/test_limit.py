@@ -98,8 +98,8 @@ def test_a_reserve_draws_the_bounds_in(mixed):
         np.testing.assert_array_equal(found, stated)
     np.testing.assert_array_equal(drawn.open_rows, mixed.open_rows)
     assert drawn.nearest_bound(0, 2.5) == pytest.approx(2.6)
-    assert drawn.nearest_stated(0, 2.5) == 3
-    assert drawn.nearest_stated(0, -0.5) == -1
+    assert drawn.nearest_bound(0, 2.5, stated=True) == 3
+    assert drawn.nearest_bound(0, -0.5, stated=True) == -1
 
 
 def test_a_reserve_is_of_the_stated_range(mixed):
@@ -200,7 +200,6 @@ def test_definitions_cannot_be_changed():
 )
 def test_share_used(key, lower, upper, value, share):
     limit = _limit(key, lower, upper)
-    used = limit.definition.share_used(
-        value, limit.nearest_bound(0, value), limit.violation_of(0, value)
-    )
+    bound, violation = limit.nearest_bound(0, value), limit.violation_of(0, value)
+    used = limit.definition.shares_used(*np.array([value, bound, violation]))
     assert used == pytest.approx(share)
