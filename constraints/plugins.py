@@ -64,14 +64,6 @@ def declared_classes(
     )
 
 
-def modules_of(package: ModuleType | str) -> dict[str, ModuleType]:
-    """Return the modules of a package by name, in alphabetical order; they are imported here."""
-    if isinstance(package, str):
-        package = importlib.import_module(package)
-    names = sorted(module.name for module in pkgutil.iter_modules(package.__path__))
-    return {name: importlib.import_module(f"{package.__name__}.{name}") for name in names}
-
-
 @cache
 def plugin_modules() -> Mapping[str, ModuleType]:
     """Return the modules of the installed plug-ins by entry-point name, in alphabetical order."""
@@ -80,8 +72,12 @@ def plugin_modules() -> Mapping[str, ModuleType]:
 
 
 def _search_modules(package: ModuleType | str | None) -> Iterable[ModuleType]:
-    own = {} if package is None else modules_of(package)
-    return (*own.values(), *plugin_modules().values())
+    if package is None:
+        return plugin_modules().values()
+    package = importlib.import_module(package) if isinstance(package, str) else package
+    names = sorted(one.name for one in pkgutil.iter_modules(package.__path__))
+    own = [importlib.import_module(f"{package.__name__}.{name}") for name in names]
+    return (*own, *plugin_modules().values())
 
 
 def _public_values(module: ModuleType, names: Collection[str] = ()) -> list[object]:

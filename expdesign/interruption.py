@@ -15,6 +15,7 @@ import time
 from _thread import start_new_thread
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from types import FrameType
 from typing import Any
 
@@ -130,14 +131,8 @@ def ignore_interruptions() -> None:
 Reaction = Callable[[int, FrameType | None], Any]
 
 
-class _Handler:
+class _Handler(partial[Any]):
     """A handler of this module, which another handler of this module may replace."""
-
-    def __init__(self, react: Reaction) -> None:
-        self._react = react
-
-    def __call__(self, number: int, frame: FrameType | None) -> None:
-        self._react(number, frame)
 
 
 _while_importing: list[Callable[[], Any]] = []

@@ -42,7 +42,7 @@ def noise_evaluator(configuration: RunConfiguration) -> Evaluator:
     design, robot = configuration.run.design, recorded_robot(configuration)
     names = unknown_parameters(configuration, robot)
     covariance, memory = force_noise(configuration)
-    marginal, samples = None, _samples(configuration)
+    marginal, samples = None, weighing_samples(configuration)
     if design.is_change:
         changed = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
         marginal = Marginal.of_change(identification_of(design.priors[0]), changed, samples)
@@ -94,7 +94,7 @@ def judge(
     unknown = noise.unknown or robot.parameter_names
     columns = np.array([robot.parameter_names.index(name) for name in unknown], dtype=np.intp)
     chosen = counted_deviations(configuration, robot)
-    section, samples = configuration.run.design, _samples(configuration)
+    section, samples = configuration.run.design, weighing_samples(configuration)
     if noise.marginal is None and section.interest is None and not chosen and not others:
         return problem, noise
     if section.interest is None:
@@ -193,7 +193,11 @@ def _interest(configuration: RunConfiguration, robot: Robot) -> tuple[tuple[str,
     """
     interest, every = configuration.run.design.interest, robot.parameter_names
     if isinstance(interest, TaskSection):
-        motion = _task_motion(configuration, interest, robot)
+        refuse_missing_task(configuration.run, configuration.file)
+        if interest.task.file is not None:
+            motion = TrajectoryFile.read(Path(interest.task.file)).trajectory
+        else:
+            motion = motion_of_run(configuration, interest.task, robot.home, "design.interest.task")
         samples = motion.sample(motion.sample_times(_TASK_SAMPLES))
         regressors = robot.regressor(*samples) / np.sqrt(_TASK_SAMPLES)
         root = root_of(information_matrix(regressors, np.eye(ACTUATORS)))
@@ -216,16 +220,6 @@ def _interest(configuration: RunConfiguration, robot: Robot) -> tuple[tuple[str,
 def _refusal(configuration: RunConfiguration, message: str) -> InputError:
     allowed = "names of parameters or of other derived quantities"
     return InputError(message, file=configuration.file, key="design.interest", allowed=allowed)
-
-
-def _task_motion(
-    configuration: RunConfiguration, interest: TaskSection, robot: Robot
-) -> FourierTrajectory:
-    refuse_missing_task(configuration.run, configuration.file)
-    task = interest.task
-    if task.file is not None:
-        return TrajectoryFile.read(Path(task.file)).trajectory
-    return motion_of_run(configuration, task, robot.home, "design.interest.task")
 
 
 def counted_deviations(configuration: RunConfiguration, robot: Robot) -> tuple[Deviation, ...]:
@@ -277,7 +271,7 @@ def nuisances_in_words(configuration: RunConfiguration) -> str:
     return "; ".join(parts)
 
 
-def _samples(configuration: RunConfiguration) -> float:
+def weighing_samples(configuration: RunConfiguration) -> float:
     """Return the number of samples that weighs data against priors: of the highest frequency.
 
     Motions are compared for the same measuring time.

@@ -39,7 +39,6 @@ from expdesign.information import fisher
 from expdesign.robot.derived import KnownQuantity
 from expdesign.runfolder import OpenNumber, StageResult, Table, described
 from expdesign.solver.search import NoDesignError
-from expdesign.solver.starts import SearchPlan
 from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import JobJournal, Monitor, StoppedError
 
@@ -250,7 +249,10 @@ class _Ascent:
 
     def _note(self, place: int, phase: str, gain: float, *, accepted: bool) -> None:
         plan = plan_search(self.runs[place], self._others(place))
-        value = _mean_value(plan, self.found[place].search.trajectory, len(self.found))
+        evaluator, samples = plan.evaluator, plan.problem.cost.samples
+        # Of this motion and the others together.
+        total = evaluator.information(self.found[place].search.trajectory, samples)
+        value = evaluator.value(total / len(self.found))
         number = len(self.searches) + 1
         self.searches.append(MotionSearch(number, place + 1, phase, value, gain, accepted))
 
@@ -260,12 +262,6 @@ class _Ascent:
             design_result(run, replace(one, plan=plan_search(run, self._others(place))))
             for place, (run, one) in enumerate(zip(self.runs, self.found, strict=True))
         ]
-
-
-def _mean_value(plan: SearchPlan, trajectory: FourierTrajectory, count: int) -> float:
-    """Return the criterion of the mean information of a motion and the others, `count` in all."""
-    samples = plan.problem.cost.samples
-    return plan.evaluator.value(plan.evaluator.information(trajectory, samples) / count)
 
 
 def _motions_result(

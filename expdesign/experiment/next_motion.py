@@ -18,7 +18,6 @@ from constraints.arrays import Array
 from expdesign.configuration import InputError, RunConfiguration, load_run
 from expdesign.configuration.consistency import identification_of
 from expdesign.configuration.robot import RobotSource
-from expdesign.configuration.run import RunDescription
 from expdesign.experiment.plan import Prediction
 from expdesign.robot import robot_from
 from expdesign.runfolder import OpenNumber, StageResult, Table, described
@@ -150,22 +149,15 @@ def next_run(folders: Sequence[Path], design: Path | None = None) -> RunConfigur
     priors = list(found.run.design.priors)
     counted = {name for one in priors for name in identification_of(one).recordings}
     for each, own in runs.items():
-        for one in _earlier_priors(own.run, each):
+        # An estimate from recordings of several designs contains the earlier ones.
+        several = len(executed_designs(each)) > 1
+        for one in () if own.run.design.is_change or several else own.run.design.priors:
             recordings = identification_of(one).recordings
             if one not in priors and not (recordings and counted.issuperset(recordings)):
                 priors.append(one)
     if len(priors) > len(folders):
         found = following(*priors)
     return replace(found, warnings=(*found.warnings, *warnings))
-
-
-def _earlier_priors(run: RunDescription, folder: Path) -> list[RobotSource]:
-    """Return the priors of a folder's design whose recordings its estimate does not contain.
-
-    An estimate from recordings of several designs contains the earlier ones.
-    """
-    several = len(executed_designs(folder)) > 1
-    return [] if run.design.is_change or several else list(run.design.priors)
 
 
 def executed_designs(folder: Path) -> list[Path]:

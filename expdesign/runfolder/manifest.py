@@ -202,7 +202,9 @@ def find_changes(
                 made[file], sources[file] = digest, manifest.added_from[file]
             else:  # a description, to which the command has added
                 made.setdefault(file, digest)
-        texts = _changed(folder, {file: made[file] for file in made if not _is_unread(file)})
+        # No stage and no section of a report reads the others.
+        read = {file: d for file, d in made.items() if not file.startswith(_SHOWN)}
+        texts = _changed(folder, {file: d for file, d in read.items() if not file.endswith(".tex")})
         if stage.file not in made:
             texts.append(f"{stage.file} was made by hand")
         for file, inputs in sources.items():
@@ -219,11 +221,6 @@ def find_changes(
 
 
 _SHOWN = ("figures/", "model/")
-
-
-def _is_unread(file: str) -> bool:
-    """Return whether no stage and no section of a report reads a file."""
-    return file.startswith(_SHOWN) or file.endswith(".tex")
 
 
 def _changed(folder: Path, files: Mapping[str, str]) -> list[str]:

@@ -272,6 +272,8 @@ def _make_sweep(stage: Stage, work: Workspace, monitor: Monitor) -> Outcome:
     files = result.write(work.folder)
     files += [work.folder / one.folder / DesignResult.FILE for one in designs if one.made]
     status, message = _end(result)
+    place = f"The finished designs are in {short(work.folder)}"
+    place += ", and the same command continues the sweep" if result.interrupted else ""
     return Outcome(
         result=result,
         files=tuple(files),
@@ -288,7 +290,7 @@ def _make_sweep(stage: Stage, work: Workspace, monitor: Monitor) -> Outcome:
         },
         status=status,
         message=message,
-        failure="" if status == "done" else f"{message}. {_continuation(result, work.folder)}",
+        failure="" if status == "done" else f"{message}. {place}",
         continues=status == "incomplete",
         asked_to_stop=stop(),
     )
@@ -306,7 +308,8 @@ def _designs(stage: Stage, work: Workspace, monitor: Monitor) -> Iterator[SweptD
     missing = [point for point, done in zip(points, kept, strict=True) if not done]
     jobs = [Job(_make_design, (stage, point, work.folder)) for point in missing]
     workers = work.configuration.run.workers or 1
-    made = run_jobs(_build_nothing, jobs, workers, Monitor(monitor.stop_requested))
+    # The jobs have nothing in common.
+    made = run_jobs(object, jobs, workers, Monitor(monitor.stop_requested))
     for number, (point, place, done) in enumerate(zip(points, places, kept, strict=True), start=1):
         end = _End("", "") if done else next(made, _End(NOT_BEGUN, "the sweep was interrupted"))
         if end.without:
@@ -324,10 +327,6 @@ def _workspace(stage: Stage, point: GridPoint, folder: Path) -> Workspace:
     return work
 
 
-def _build_nothing() -> None:
-    """Build nothing: the jobs have nothing in common."""
-
-
 class _End(NamedTuple):
     """End of the job of a design."""
 
@@ -337,7 +336,7 @@ class _End(NamedTuple):
 
 
 def _make_design(
-    _built: None, monitor: Monitor, stage: Stage, point: GridPoint, folder: Path
+    _built: object, monitor: Monitor, stage: Stage, point: GridPoint, folder: Path
 ) -> _End:
     """Make the design of a point and its run folder, in the process of the job."""
     work, began = _workspace(stage, point, folder), time.perf_counter()
@@ -372,11 +371,6 @@ def _end(result: SweepResult) -> tuple[str, str]:
         message = f"interrupted after {complete} of {total} designs{listed_reasons}"
         return "interrupted", message
     return "incomplete", f"{failed} of {total} designs failed{listed_reasons}"
-
-
-def _continuation(result: SweepResult, folder: Path) -> str:
-    place = f"The finished designs are in {short(folder)}"
-    return f"{place}, and the same command continues the sweep" if result.interrupted else place
 
 
 def stage_functions(stage: Stage) -> dict[str, StageFunctions]:

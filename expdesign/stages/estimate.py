@@ -106,9 +106,14 @@ def run_estimate(work: Workspace) -> Outcome:
             refuse_channels=not (work.sources.force or simulated),
         )
     except LinAlgError as error:
-        still = _constant_channels(recordings_of(work))
+        still = {
+            f"{group}{strut}"
+            for data in recordings_of(work)
+            for group, values in (("q", data.lengths), ("Q", data.forces))
+            for strut in np.flatnonzero(np.ptp(values, axis=0) == 0) + 1
+        }
         reason = (
-            f"constant channels: {', '.join(still)}"
+            f"constant channels: {', '.join(sorted(still))}"
             if still
             else "no channel is constant, but the noise of one may be that of others, or next to "
             "none. State `noise` in the robot file and `estimate: {noise: given}`, and compare "
@@ -124,17 +129,6 @@ def run_estimate(work: Workspace) -> Outcome:
         warnings=result.warnings[len(configuration.warnings) :],
         doubt="" if summary["verdict"] == "accepted" else "a diagnostic failed",
     )
-
-
-def _constant_channels(recordings: Sequence[Measurement]) -> list[str]:
-    """Return the names of the channels that are constant in a recording."""
-    found = [
-        f"{group}{strut}"
-        for data in recordings
-        for group, values in (("q", data.lengths), ("Q", data.forces))
-        for strut in np.flatnonzero(np.ptp(values, axis=0) == 0) + 1
-    ]
-    return sorted(set(found))
 
 
 def check_channels_of(work: Workspace, data: Measurement) -> tuple[ChannelCheck, list[str], str]:

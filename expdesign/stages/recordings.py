@@ -13,7 +13,7 @@ from expdesign.configuration import ConfigurationLike, InputError, load_run
 from expdesign.configuration.schema import MOST_SAMPLES, require_at_most
 from expdesign.progress import track
 from expdesign.stages.execution import Place
-from expdesign.stages.stage import Workspace
+from expdesign.stages.stage import MEASUREMENT_FILE, Workspace
 
 __all__ = ["Measurement", "load_measurement", "recordings_of"]
 
@@ -34,7 +34,8 @@ def _read(work: Workspace, file: Path) -> Measurement:
     """Return a recording, simulated in this run or read from its file."""
     section, robot = work.configuration.run.data, work.configuration.robot
     simulated = work.made.get("experiment")
-    if file != work.measurement_file or simulated is None or simulated.recording is None:
+    own = work.folder / MEASUREMENT_FILE
+    if file != own or simulated is None or simulated.recording is None:
         return read_measurement(file, section, robot)
     # The same table as in the file.
     channels = file_channels(simulated.recording, section, robot).items()

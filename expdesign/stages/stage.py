@@ -278,11 +278,6 @@ class Workspace:
         return motion_folders(self.configuration, self.folder)
 
     @property
-    def measurement_file(self) -> Path:
-        """File of the simulated recording."""
-        return self.folder / MEASUREMENT_FILE
-
-    @property
     def design_file(self) -> Path:
         """File of the design."""
         return self.folder / TrajectoryFile.FILE
@@ -344,7 +339,7 @@ class Workspace:
         if all(path.is_file() for path in simulated):
             return simulated
         raise InputError(
-            f"no recording: the run folder has no {self.measurement_file.name}",
+            f"no recording: the run folder has no {MEASUREMENT_FILE}",
             file=self.folder,
             key="--data",
             allowed="a recording (--data FILE, or data.file in the run file), or a simulated "

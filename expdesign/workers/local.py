@@ -78,7 +78,14 @@ def run_jobs(
             foresee=foresee,
             most=workers if foresee else used,
         )
-        yield from _run_in_processes(team, used)
+        # In another thread, workers get further jobs while the caller handles the results.
+        direction = threading.Thread(target=team.direct, args=(used,), daemon=True)
+        direction.start()
+        try:
+            yield from team.outcomes()
+        finally:
+            team.abandoned.set()
+            direction.join()
         return
     waiting = deque(jobs)
     while waiting and (after_stop or not monitor.stop_requested()):
@@ -87,17 +94,6 @@ def run_jobs(
         if following is not None:
             waiting.append(following)
         yield result
-
-
-def _run_in_processes(team: _Team, workers: int) -> Iterator[Any]:
-    # In another thread, workers get further jobs while the caller handles the results.
-    direction = threading.Thread(target=team.direct, args=(workers,), daemon=True)
-    direction.start()
-    try:
-        yield from team.outcomes()
-    finally:
-        team.abandoned.set()
-        direction.join()
 
 
 class _Team:

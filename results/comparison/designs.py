@@ -21,7 +21,7 @@ from constraints.arrays import Array, Mask
 from expdesign.configuration import ResolvedRobot
 from expdesign.configuration.design import DesignSection, TaskSection
 from expdesign.experiment import DesignResult
-from expdesign.experiment.judging import noise_evaluator
+from expdesign.experiment.judging import noise_evaluator, weighing_samples
 from expdesign.experiment.plan import Prediction
 from expdesign.experiment.precision import experiment_information, predicted_errors
 from expdesign.experiment.sensitivity import limit_sensitivity
@@ -304,16 +304,13 @@ class DesignComparison:
         """The designs by machine, prior and other motions, in their order."""
         found: list[list[ComparedDesign]] = []
         for design in self.designs:
-            same = (
-                one
-                for one in found
-                if not _robot_differences(one[0].robot, design.robot)
-                and not _recording_differences(one[0], design)
-            )
-            if (known := next(same, None)) is None:
-                found.append([design])
+            for group in found:
+                differ = _robot_differences(group[0].robot, design.robot)
+                if not (differ or _recording_differences(group[0], design)):
+                    group.append(design)
+                    break
             else:
-                known.append(design)
+                found.append([design])
         return tuple(map(tuple, found))
 
     @cached_property
@@ -402,10 +399,7 @@ def _differences(comparison: DesignComparison) -> list[str]:
 def _recording_differences(one: ComparedDesign, other: ComparedDesign) -> list[str]:
     """Return the differences in the further recordings of two designs, in words."""
     found = list[str]()
-    weights = []
-    for run in (design.result.configuration.run for design in (one, other)):
-        samples = run.experiment.periods * run.experiment.sampling
-        weights.append(samples / run.trajectory.frequency[1])
+    weights = [weighing_samples(each.result.configuration) for each in (one, other)]
     if one.section.priors != other.section.priors:
         found.append("its earlier recordings (design.prior)")
     elif one.section.priors and weights[0] != weights[1]:
@@ -562,7 +556,6 @@ def _criteria_table(comparison: DesignComparison) -> ReportTable:
             TableColumn(f"smallest eigenvalue, {name}", of=smallest),
             TableColumn(f"condition, {name}", of=condition),
         ]
-    whose = "the nominal values" if comparison.same_nominal else "each one's own nominal values"
     best = "the best"
     if comparison.machine_count > 1:
         best += (
@@ -573,7 +566,7 @@ def _criteria_table(comparison: DesignComparison) -> ReportTable:
         best += " with the same prior and no other motions, empty where there is no such design"
     caption = (
         f"Criteria of every design for {samples} samples, in SI units and in units of "
-        f"{whose}; D-efficiency relative to {best}"
+        f"{comparison.whose}; D-efficiency relative to {best}"
     )
     return ReportTable.of("criteria", caption, columns)
 

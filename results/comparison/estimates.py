@@ -101,7 +101,12 @@ def compare_estimates(folders: Mapping[str, RunFolder], *_: object) -> view.Stag
         *symbols_blocks(names, screen=True),
     ]
     if len(found) > 1:
-        blocks.append(view.Drawing(compared_estimates_figure, estimates_series(found)))
+        first, std = found[0].of(names)
+        chosen = {each.label: each.of(names) for each in found}
+        deviations = {label: (values - first) / std for label, (values, _) in chosen.items()}
+        errors = {label: _TWO_SIDED * own / std for label, (_, own) in chosen.items()}
+        series = ParameterSeries(names, deviations, errors)
+        blocks.append(view.Drawing(compared_estimates_figure, series))
     different, tested = 0, 0
     for number, (one, other) in enumerate(combinations(found, 2), start=1):
         title = f"{other.label} − {one.label}"
@@ -136,16 +141,6 @@ def compare_estimates(folders: Mapping[str, RunFolder], *_: object) -> view.Stag
     verdict = view.StageVerdict("Estimates", level, "compared", sentence, "estimates")
     facts = (view.Fact("pairs that differ", f"{different} of {tested}", "independent data only"),)
     return view.StageView(verdict, tuple(blocks), facts if tested else ())
-
-
-def estimates_series(found: tuple[ComparedEstimate, ...]) -> ParameterSeries:
-    """Return the series of the figure of the estimates."""
-    names = common_parameters(found)
-    first, std = found[0].of(names)
-    chosen = {each.label: each.of(names) for each in found}
-    deviations = {label: (values - first) / std for label, (values, _) in chosen.items()}
-    errors = {label: _TWO_SIDED * own / std for label, (_, own) in chosen.items()}
-    return ParameterSeries(names, deviations, errors)
 
 
 def not_independent(one: ComparedEstimate, other: ComparedEstimate) -> str:

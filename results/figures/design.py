@@ -38,7 +38,7 @@ from results.figures.drawing import (
     write_small,
 )
 from results.figures.parameters import precision_figure
-from results.notation import count_text, handy_unit, percent, plain_number, symbol
+from results.notation import count_text, handy_unit, percent, plain_number, readable, symbol
 
 _ACTIVE = 100 * REACHED
 """From this share on, %, a limit counts as one that holds the design back."""
@@ -122,8 +122,6 @@ def _amount(check: LimitCheck) -> str:
 
 _HEADROOM = 0.2
 """Free above the largest eigenvalue, for the text there, as a share of the decades shown."""
-_MANY = 4
-"""Digits before the point from which on a number is written with a power of ten."""
 
 
 @figure_definition(
@@ -165,7 +163,7 @@ def _stems(axes: Axes, values: Array) -> None:
         index[positive], values[positive], "o", color=EMPHASIS, markersize=3.4, label="eigenvalues"
     )
     if np.all(positive):
-        text = f"condition number {_power(high / low)}"
+        text = f"condition number {readable(high / low, 3)}"
     else:
         text = f"{np.count_nonzero(~positive)} not positive: singular to working precision"
         lost = index[~positive]
@@ -180,13 +178,6 @@ def _stems(axes: Axes, values: Array) -> None:
         color=MUTED,
         bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
     )
-
-
-def _power(value: float) -> str:
-    exponent = int(np.floor(np.log10(value)))
-    if exponent < _MANY:
-        return f"{float(f'{value:.3g}'):g}"
-    return rf"${value / 10.0**exponent:.1f} \times 10^{{{exponent}}}$"
 
 
 FLOOR = TOLERANCE

@@ -182,7 +182,7 @@ def noise_spectrum_figure(figure: Figure, result: NoiseResult) -> None:
         axes.plot(frequency, found.density[shown, j], color=STRUT_COLOURS[j], linewidth=0.6)
         axes.axhline(found.white[j], color=INK, linewidth=0.8, dashes=(4, 2))
         # A band of few per cent is thinner than any line of a plot over decades.
-        middle = int(np.argmin(np.abs(np.log(found.frequency[shown] / _middle(frequency)))))
+        middle = int(np.argmin(np.abs(np.log(frequency**2 / (frequency[0] * frequency[-1])))))
         ends = [end[shown, j][middle] / found.density[shown, j][middle] - 1 for end in (low, high)]
         words = [f"95 %: {_percent(ends[0])} … {_percent(ends[1])} %"]
         for row in np.flatnonzero(found.amplitude[:, j] > 0):
@@ -197,11 +197,6 @@ def noise_spectrum_figure(figure: Figure, result: NoiseResult) -> None:
     bottom, top = panels[0].get_ylim()
     panels[0].set_ylim(bottom, top * (top / bottom) ** _HEADROOM)
     label_figure(figure, "Frequency (Hz)", "Density of the force noise (N²/Hz)")
-
-
-def _middle(frequency: Array) -> float:
-    """Return the middle of frequencies on a logarithmic axis, Hz."""
-    return float(np.sqrt(frequency[0] * frequency[-1]))
 
 
 def _percent(share: float) -> str:

@@ -58,6 +58,8 @@ def design_view(folder: RunFolder) -> StageView:
     result = folder.result(DesignResult)
     sensitivity = None if folder.brief else design_sensitivity(result)
     cost = None if sensitivity is None else costliest_fact(sensitivity)
+    reserves = {} if folder.brief else {one.key: one.reserve for one in result.robot.limits}
+    reserve = reserve_in_words(sensitivity, reserves, result.criterion)
     figures = drawings(DESIGN_FIGURES, result)
     combinations = combination_blocks(
         "design_combinations", result.base_parameters, result.parameter_names
@@ -75,7 +77,7 @@ def design_view(folder: RunFolder) -> StageView:
             "design_derived", result.derived, "with the σ predicted for the experiment"
         ),
         limits_table(result),
-        *([] if folder.brief else _reserve(result, sensitivity)),
+        *([TextBlock(reserve)] if reserve else []),
         *_gains(sensitivity),
         *figures[:5],
         parameters_table(result),
@@ -282,12 +284,6 @@ def _details(result: DesignResult) -> tuple[Fact, ...]:
         Fact("best start", best, solver.ended),
     ]
     return tuple(facts)
-
-
-def _reserve(result: DesignResult, sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:
-    reserves = {limit.key: limit.reserve for limit in result.robot.limits}
-    text = reserve_in_words(sensitivity, reserves, result.criterion)
-    return (TextBlock(text),) if text else ()
 
 
 def _gains(sensitivity: LimitSensitivity | None) -> tuple[Block, ...]:

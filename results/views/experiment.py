@@ -30,8 +30,15 @@ def experiment_view(folder: RunFolder) -> StageView:
     truth = folder.result(Truth)
     experiment = truth.experiment
     disturbances = ", ".join(truth.disturbed_by) or "none"
-    table = "" if truth.table is None else truth.table.file
-    twin = f"the digital twin executing {table}" if table else "the digital twin"
+    twin, executed = "the digital twin", truth.table
+    controller: tuple[Fact, ...] = ()
+    if executed is not None:
+        twin += f" executing {executed.file}"
+        how = (
+            f"{executed.format}, measured from {executed.window[0]:.4f} s after its start; struts "
+            f"within {1e6 * executed.position_error:.2g} µm of the design"
+        )
+        controller = (Fact("controller table", executed.file, how),)
     if truth.machine is not None:
         twin += f", a machine ({truth.machine.name}) that is not the robot of the run"
     rate, periods = f"{readable(experiment.sampling)} Hz", f"{experiment.periods:g}"
@@ -54,7 +61,7 @@ def experiment_view(folder: RunFolder) -> StageView:
             Fact("periods", periods),
             Fact("sampling", rate),
             Fact("period", period),
-            *((Fact("controller table", table, _execution(truth)),) if table else ()),
+            *controller,
             *((Fact("true machine", truth.machine.name),) if truth.machine else ()),
             Fact("disturbances", disturbances),
             Fact("noise", truth.memory),
@@ -70,17 +77,6 @@ def experiment_view(folder: RunFolder) -> StageView:
     )
     noise = ReportTable.of("true_noise", "True noise of one sample", columns)
     return StageView(verdict, (details, noise), facts)
-
-
-def _execution(truth: Truth) -> str:
-    """Return how the controller table was executed; empty without one."""
-    table = truth.table
-    if table is None:
-        return ""
-    return (
-        f"{table.format}, measured from {table.window[0]:.4f} s after its start; struts within "
-        f"{1e6 * table.position_error:.2g} µm of the design"
-    )
 
 
 def montecarlo_view(folder: RunFolder) -> StageView:

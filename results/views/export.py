@@ -103,9 +103,10 @@ def export_view(folder: RunFolder) -> StageView:
         screen=True,
     )
     listed = [_File(name, entry) for name, entry in files.items()]
+    undescribed = f"Not described in {RECORD}, and not checked: {', '.join(unlisted + others)}."
     blocks: list[Block] = [
         details,
-        *_unlisted_text(unlisted + others),
+        *([TextBlock(undescribed, Level.CAUTION)] if unlisted or others else []),
         *_motion_drawings(folder, result),
         _files_table(listed),
         _read_back_table(listed),
@@ -116,11 +117,6 @@ def export_view(folder: RunFolder) -> StageView:
         title = f"{README}: how to run each table, and what to record"
         blocks.append(ListingBlock(title, readme.read_text(encoding="utf-8", errors="replace")))
     return StageView(verdict, tuple(blocks))
-
-
-def _unlisted_text(names: Sequence[str]) -> tuple[TextBlock, ...]:
-    text = f"Not described in {RECORD}, and not checked: {', '.join(names)}."
-    return (TextBlock(text, Level.CAUTION),) if names else ()
 
 
 def _motion_drawings(folder: RunFolder, result: ExportResult) -> tuple[Drawing, ...]:

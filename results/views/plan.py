@@ -35,22 +35,19 @@ def plan_view(folder: RunFolder) -> StageView:
     """Return the view of the plan in a folder."""
     result = folder.result(PlanResult)
     obstacles = [_obstacle(one) for one in result.goals if not one.reachable]
+    caption = (
+        f"Periods of {readable(result.period)} s that reach each goal (standard deviations, "
+        f"{result.estimator}), the largest source of σ, run file; floor: share of the tolerances "
+        f"after {LONGEST_DAYS} days"
+    )
     blocks: tuple[Block, ...] = (
-        goals_table("plan", result.goals, _caption(result)),
+        goals_table("plan", result.goals, caption),
         *symbols_blocks((one.quantity for one in result.goals), screen=True),
         *(TextBlock(text, Level.CAUTION, screen=True) for text in obstacles),
         *(TextBlock(text, screen=True) for text in _meanings(result)),
         Drawing(plan_figure, result),
     )
     return StageView(_verdict(result), blocks, _facts(result), heading="Measuring time")
-
-
-def _caption(result: PlanResult) -> str:
-    return (
-        f"Periods of {readable(result.period)} s that reach each goal (standard deviations, "
-        f"{result.estimator}), the largest source of σ, run file; floor: share of the tolerances "
-        f"after {LONGEST_DAYS} days"
-    )
 
 
 def _meanings(result: PlanResult) -> Iterator[str]:
