@@ -341,7 +341,7 @@ class ToleranceEffects:
         if self.earlier is not None and self.joint is not None and self.sources:
             count = len(self.response)
             joint = self.joint * (samples / self.samples) + self.earlier
-            response = sla.solve(joint[:count, :count], joint[:count, count:], assume_a="pos")
+            response = _solve_scaled(joint[:count, :count], joint[:count, count:])
             whole = replace(self, response=response, joint=joint, samples=1.0, earlier=None)
             return whole.shares(random, 1.0, estimated=estimated)
         if not estimated or self.joint is None or not self.sources:
@@ -361,9 +361,7 @@ class ToleranceEffects:
         """
         joint, count = np.asarray(self.joint), len(self.response)
         own, mixed, others = joint[:count, :count], joint[:count, count:], joint[count:, count:]
-        scale = np.sqrt(np.diag(own))
-        factor = sla.cho_factor(own / np.multiply.outer(scale, scale))
-        errors = sla.cho_solve(factor, mixed / scale[:, None]) / scale[:, None]
+        errors = _solve_scaled(own, mixed)
         eigenvalues, modes = np.linalg.eigh(others - mixed.T @ errors)
         # What the data do not show at all is a rounding error.
         seen = eigenvalues > _UNSEEN * np.max(np.diag(others))
@@ -383,6 +381,13 @@ class ToleranceEffects:
         return replace(self, response=self.response * factors, joint=joint, earlier=earlier)
 
 
+def _solve_scaled(information: Array, columns: Array) -> Array:
+    """Return F⁻¹ of columns, (k, t), with F, (k, k), scaled to unit diagonal."""
+    scale = np.sqrt(np.diag(information))
+    factor = sla.cho_factor(information / np.multiply.outer(scale, scale))
+    return np.asarray(sla.cho_solve(factor, columns / scale[:, None]) / scale[:, None])
+
+
 def combine_effects(
     parts: Sequence[ToleranceEffects], samples: Sequence[float]
 ) -> ToleranceEffects:
@@ -398,9 +403,7 @@ def combine_effects(
         for part, own in zip(parts, samples, strict=True)
     ]
     joint = np.sum(weighted, axis=0)
-    scale = np.sqrt(np.diag(joint)[:count])
-    own = sla.cho_factor(joint[:count, :count] / np.multiply.outer(scale, scale))
-    response = sla.cho_solve(own, joint[:count, count:] / scale[:, None]) / scale[:, None]
+    response = _solve_scaled(joint[:count, :count], joint[:count, count:])
     return replace(first, response=response, joint=joint, samples=sum(samples))
 
 

@@ -125,7 +125,6 @@ class SweptDesign:
             folder=f"{FOLDER}/{point.name}",
             status=result.status,
             certified=result.check.certified,
-            criterion=result.criterion,
             criterion_value=result.criterion_value,
             log_det_information=result.log_det_information,
             median_rel_std_percent=float(np.median(list(known.values()))) if known else math.nan,
@@ -144,22 +143,14 @@ class SweptDesign:
     @classmethod
     def missing(cls, number: int, point: GridPoint, status: str, reason: str) -> SweptDesign:
         """Return the row of a point without a design."""
-        criterion = point.configuration.run.design.criterion
-        return _row(
-            point,
-            number=number,
-            folder="",
-            status=status,
-            certified=False,
-            criterion=criterion,
-            reason=reason,
-        )
+        return _row(point, number=number, folder="", status=status, certified=False, reason=reason)
 
 
 def _row(point: GridPoint, **columns: Any) -> Any:
     values = {f"{_VALUE}{k}": resolved_cell(path, point) for k, path in enumerate(point.values)}
-    goals = tuple(point.configuration.run.goals)
-    return _row_type(tuple(point.values), goals)(**values, **columns)
+    run = point.configuration.run
+    row = _row_type(tuple(point.values), tuple(run.goals))
+    return row(criterion=run.design.criterion, **values, **columns)
 
 
 @cache
@@ -187,7 +178,6 @@ def _row_type(paths: tuple[str, ...], goals: tuple[str, ...]) -> type[Any]:
 
 
 def _sweep_table(result: SweepResult) -> RowTable[SweptDesign]:
-    """Return the table of a grid with a column for each key path."""
     row = _row_type(tuple(result.grid), result.goals)
     return RowTable("tables/sweep.csv", result.WRITTEN_BY, row, some=True, rows_of=("number",))
 

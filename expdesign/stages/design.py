@@ -254,22 +254,16 @@ def _failure(result: DesignResult, folder: str) -> str:
 
 def run_sweep(stage: Stage, work: Workspace) -> Outcome:
     """Design every point that is not done; a failed design does not end the others."""
-    progress = work.progress
+    progress, configuration = work.progress, work.configuration
     with (
         progress.count("designs") as advanced,
         interruptible(progress.note, _SWEEP_KEPT, "discards the running ones") as stop,
     ):
-        return _make_sweep(stage, work, Monitor(stop, advanced=advanced))
-
-
-def _make_sweep(stage: Stage, work: Workspace, monitor: Monitor) -> Outcome:
-    """Design every point that is not done, and write the result."""
-    configuration, stop = work.configuration, monitor.stop_requested
-    designs = list(_designs(stage, work, monitor))
-    if stop() and not any(one.made for one in designs):
-        raise StoppedError("interrupted before the first design was done")
-    result = sweep_result(configuration, designs)
-    files = result.write(work.folder)
+        designs = list(_designs(stage, work, Monitor(stop, advanced=advanced)))
+        if stop() and not any(one.made for one in designs):
+            raise StoppedError("interrupted before the first design was done")
+        result = sweep_result(configuration, designs)
+        files = result.write(work.folder)
     files += [work.folder / one.folder / DesignResult.FILE for one in designs if one.made]
     status, message = _end(result)
     place = f"The finished designs are in {short(work.folder)}"

@@ -52,22 +52,13 @@ def symbol_html(name: str) -> Markup:
 
 def unit_html(unit: str) -> Markup:
     """Return a unit as HTML: ``kg m^2`` with a raised 2."""
-    pieces = _POWER.split(unit)
-    return Markup().join(
-        Markup("<sup>{}</sup>").format(piece.replace("-", "−")) if position % 2 else escape(piece)
-        for position, piece in enumerate(pieces)
-    )
+    raised = _POWER.sub(lambda power: f"<sup>{power[1].replace('-', '−')}</sup>", str(escape(unit)))
+    return Markup(raised)
 
 
 def code_html(text: str) -> Markup:
     """Return text as HTML, with keys and commands between backticks as code."""
-    pieces = text.split("`")
-    if len(pieces) % 2 == 0:  # a single backtick
-        return escape(text)
-    return Markup().join(
-        Markup("<code>{}</code>").format(piece) if position % 2 else escape(piece)
-        for position, piece in enumerate(pieces)
-    )
+    return Markup(re.sub("`([^`]*)`", r"<code>\1</code>", str(escape(text))))
 
 
 @cache

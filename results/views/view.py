@@ -176,14 +176,12 @@ class ReportTable:
         caption: str,
         columns: Sequence[TableColumn],
         items: Iterable[Any] | None = None,
-        *,
-        folded: bool = False,
-        screen: bool = False,
-        latex: bool = False,
+        **shown: Any,
     ) -> ReportTable:
         """Make a table with a row for every object, or for every tuple of values.
 
-        Without objects the columns have their values, all of the first one's length.
+        Without objects the columns have their values, all of the first one's length. How a table is
+        `shown` is stated by its attributes.
 
         Raises
         ------
@@ -203,7 +201,7 @@ class ReportTable:
             if isinstance(item, tuple) and len(item) != len(columns):
                 raise ValueError(f"{key}: every row needs {len(columns)} values")
             rows.append(tuple(column.cell(item, k) for k, column in enumerate(columns)))
-        return cls(key, caption, tuple(columns), tuple(rows), folded, screen, latex)
+        return cls(key, caption, tuple(columns), tuple(rows), **shown)
 
     def without_claims(self) -> ReportTable:
         """Return the table with empty columns of proofs and outcomes."""
