@@ -196,7 +196,6 @@ class _Lists:
 
 
 def _array(values: list[Any], info: ValidationInfo) -> Array:
-    """Return lists as an array; refuse wrong numbers of coordinates or harmonics."""
     if len(values) != COORDINATES:
         raise ValueError(f"there are {len(values)} entries where {COORDINATES} are needed")
     harmonics = info.data.get("harmonics")

@@ -229,7 +229,6 @@ class _Ascent:
         return accepted
 
     def _search(self, place: int, origin: FourierTrajectory | None = None) -> FoundMotion:
-        """Search a motion with the others fixed."""
         run, number = self.runs[place], len(self.searches)
         changes: dict[str, Any] = {} if origin is None else {"starts": 1}
         run = run.with_section("design", seed=seed_of(run.run.design.seed, number), **changes)
@@ -270,7 +269,6 @@ def _motions_result(
     designs: Sequence[result.DesignResult],
     ended: str,
 ) -> MotionsResult:
-    """Return the result of several motions, with the precision of all recordings."""
     run, evaluator, first = ascent.runs[0], noise_evaluator(ascent.runs[0]), designs[0]
     parts = [experiment_information(evaluator, one.trajectory, run) for one in designs]
     whole, total = np.sum([part[0] for part in parts], axis=0), sum(part[1] for part in parts)

@@ -484,7 +484,6 @@ class _Wish:
 
 
 def _planned(wish: _Wish, prediction: Prediction) -> PlannedGoal:
-    """Plan one goal."""
     periods = prediction.fewest_periods(wish.ratio)
     reachable, alone, together = bool(np.isfinite(periods)), np.nan, np.nan
     errors = prediction.errors(periods if reachable else prediction.longest())
@@ -532,7 +531,6 @@ def _largest_factor(wish: _Wish, prediction: Prediction, sources: tuple[str, ...
 
 
 def _curves(goals: list[PlannedGoal], prediction: Prediction) -> Iterator[PrecisionPoint]:
-    """Yield the precision of the deciding quantities over measuring time."""
     longest = max([10 * prediction.stated, *(3 * g.periods for g in goals if g.reachable)])
     for periods in np.geomspace(1, longest, _CURVE).tolist():
         std = dict(zip(prediction.names, prediction.errors(periods).std.tolist(), strict=True))

@@ -179,7 +179,6 @@ def _widening_shifts(problem: DesignProblem) -> tuple[Array, Array]:
 
 
 def _reserve_shifts(problem: DesignProblem) -> tuple[Array, Array]:
-    """Return the shifts of the bounds without reserves, (R,) each."""
     limits = problem.limits
     stated = replace(limits, limits=tuple(limit.with_reserve(0.0) for limit in limits.limits))
     below, above = _bound_shifts(limits, stated.smooth_bounds())

@@ -70,7 +70,6 @@ def result_tables(kind: type[JsonFile]) -> tuple[CsvFile[Any, Any], ...]:
 
 
 def _content(table: CsvFile[Any, Any]) -> str:
-    """Return the first sentence about a row or block of a table."""
     kind = getattr(table, "row", None) or getattr(table, "block", None)
     if not isinstance(table, RowTable | ArrayTable) or kind is None:
         return ""

@@ -20,7 +20,6 @@ _CHECK = "check"
 
 
 def _check(data: dict[str, Any]) -> str:
-    """Return the hash of a part."""
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -303,7 +303,6 @@ def _as_number(cell: str) -> float:
 def _refuse_infinite(
     path: Path, cells: Cells, numbers: Mapping[str, Array], names: Iterable[str]
 ) -> None:
-    """Refuse cells of some columns that are no finite numbers."""
     for name in names:
         wrong = np.flatnonzero(~np.isfinite(numbers[name]))
         if wrong.size:

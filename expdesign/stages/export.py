@@ -171,7 +171,6 @@ def export_one(
 
 
 def _refuse_taken_name(path: Path, key: str) -> None:
-    """Refuse a table with the name of a description of the tables."""
     if path.name.casefold() in {README.casefold(), RECORD.casefold()}:
         message = f"{path.name} describes the tables of this folder"
         allowed = f"another name than {README} and {RECORD}"

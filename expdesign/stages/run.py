@@ -130,7 +130,6 @@ def _run_stages(work: Workspace) -> RunResult:
 
 
 def _do_stage(stage: Stage, work: Workspace) -> None:
-    """Do a stage that is not done already."""
     folder = work.folder
     if stage.sections is None:
         for change in changes_by_hand(stage, folder, own=False):

@@ -450,7 +450,6 @@ def _submit(client: Any, address: str, function: Callable[..., Any], *arguments:
 
 
 def _threads(client: Any, address: str) -> int:
-    """Return the number of threads of all workers."""
     try:
         if client.status != "running":
             raise ClusterError(f"the connection to the scheduler {address} was lost")

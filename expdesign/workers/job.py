@@ -169,7 +169,6 @@ def _listen(run: Connection, jobs: queue.Queue[tuple[bytes, bytes]], stop: threa
 
 
 def _answer(recipe: bytes, packed: bytes, monitor: Monitor) -> bytes:
-    """Run a job; return its pickled result or error."""
     try:
         job: Job = pickle.loads(packed)
         return pickle.dumps((RESULT, job.run(recipe, monitor)))

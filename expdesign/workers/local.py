@@ -555,7 +555,6 @@ def run_in_copies(work: Callable[[int], T], count: int) -> list[T]:
 
 
 def _answer_from_copy(work: Callable[[int], Any], number: int, sink: Connection) -> NoReturn:
-    """Send the result of a share of the work, and end."""
     status = 1
     try:
         with listen_to_progress(lambda *_: None):

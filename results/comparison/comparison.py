@@ -86,7 +86,6 @@ def _compare(
     *,
     quick: bool,
 ) -> list[StageView]:
-    """Return the comparison of every stage that some of the folders hold."""
     found = []
     for name, stage in track("comparing", tuple(stages.items())):
         holding = {label: folder for label, folder in folders.items() if folder.has(name)}

@@ -351,7 +351,6 @@ class DesignComparison:
 
 
 def _differences(comparison: DesignComparison) -> list[str]:
-    """Return further differences between the designs that affect the comparison."""
     first, found = comparison.designs[0], []
     if not comparison.comparable:
         found.append(
@@ -540,7 +539,6 @@ _SUMMARIES: dict[str, _Summary] = {
 
 
 def _criteria_table(comparison: DesignComparison) -> ReportTable:
-    """Return all criteria in both scalings, one row per design."""
     designs, samples, shares = comparison.designs, comparison.samples, comparison.efficiencies
     log_det = criteria()["d"].named(comparison.information)
     columns = [
@@ -589,7 +587,6 @@ def _spectrum(design: ComparedDesign, samples: float, *, scaled: bool) -> tuple[
 
 
 def _precision_table(comparison: DesignComparison) -> ReportTable:
-    """Return predicted standard deviations and the periods needed, one row per parameter."""
     designs = comparison.designs
     columns = [TableColumn("parameter", kind="parameter", of=designs[0].names)]
     if comparison.same_nominal:
@@ -613,7 +610,6 @@ def _precision_table(comparison: DesignComparison) -> ReportTable:
 
 
 def _derived_tables(designs: tuple[ComparedDesign, ...]) -> list[Block]:
-    """Return predicted σ of the derived quantities of all designs, each in its own experiment."""
     by_label = {each.label: {row.quantity: row for row in each.result.derived} for each in designs}
     first = {name: row for rows in by_label.values() for name, row in rows.items()}
     columns = [
@@ -629,7 +625,6 @@ def _derived_tables(designs: tuple[ComparedDesign, ...]) -> list[Block]:
 
 
 def _effort_table(comparison: DesignComparison) -> ReportTable:
-    """Return the measuring time that each design needs, one row per design."""
     designs, samples = comparison.designs, comparison.experiment_samples
     shares = [design.relative_std(samples) for design in designs]
     hopeless: Mask = np.all([~(share <= IDENTIFIABLE) for share in shares], axis=0)
@@ -674,7 +669,6 @@ def _effort(design: ComparedDesign, periods: Array) -> tuple[Value, Value, str, 
 
 
 def _limits_table(designs: tuple[ComparedDesign, ...]) -> ReportTable:
-    """Return the used share of every limit, one column per design."""
     checks = {design.label: design.result.checks for design in designs}
     titles = {check.key: check.title for own in checks.values() for check in own}
     columns = [TableColumn("limit", kind="text", of=titles.get)]

@@ -177,7 +177,6 @@ def _recordings(each: ComparedEstimate) -> set[str]:
 
 
 def _lineage(each: ComparedEstimate) -> set[str]:
-    """Return the fingerprints of the recordings of an estimate and of its prior."""
     own = {one.fingerprint for one in each.result.recordings if one.fingerprint}
     return own.union(each.result.prior_recordings)
 
@@ -212,7 +211,6 @@ def _values_table(found: tuple[ComparedEstimate, ...], names: tuple[str, ...]) -
 
 
 def _derived_tables(found: tuple[ComparedEstimate, ...]) -> list[view.Block]:
-    """Return the derived quantities that all estimates have."""
     tables = {
         each.label: {row.quantity: row for row in each.result.best_estimator.derived}
         for each in found

@@ -297,7 +297,6 @@ def name_places(axes: Axes, names: Sequence[str]) -> None:
 
 
 def _shrink_names(axes: Axes, count: int, *, both: bool = False) -> None:
-    """Keep many names from running over each other: upright and smaller."""
     if count > _MANY_NAMES:
         axes.tick_params(axis="x", labelrotation=90)
         size = max(_SMALLEST_NAME, _MANY_NAMES / count * _NAME)

@@ -187,7 +187,6 @@ def machine_figure(figure: Figure, robot: Robot) -> None:
 
 
 def _range(points: Array) -> tuple[Array, Array]:
-    """Return the corners of the visible space, (3,) each."""
     low, high = np.min(points, axis=0), np.max(points, axis=0)
     air = _AIR * float(np.max(high - low))
     return low - air, high + air

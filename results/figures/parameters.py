@@ -143,7 +143,6 @@ def _correlation(result: EstimationResult) -> tuple[list[str], Array]:
 
 
 def _correlation_seen(result: EstimationResult) -> str:
-    """Return the pair of parameters with the largest correlation."""
     names, matrix = _correlation(result)
     others = np.nan_to_num(np.abs(np.triu(matrix, 1)))
     if not np.any(others):

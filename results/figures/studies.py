@@ -195,7 +195,6 @@ def sweep_figure(figure: Figure, result: SweepResult) -> None:
 
 
 def _draw(axes: Axes, result: SweepResult, cost: str, precision: str, looks: _Looks) -> None:
-    """Draw the designs of one panel."""
     points, shown = _designs_of(result, cost, precision)
     if not shown:
         drawing.write_centred(axes, "no design", color=drawing.MUTED)
@@ -306,7 +305,6 @@ def label_points(axes: Axes, points: Array, texts: Sequence[str], colours: Seque
 
 
 def _put(name: Text, step: float, right: int, up: int) -> Bbox:
-    """Put a name there; return the box that it takes."""
     horizontal, vertical = _ALIGNED[right][0], _ALIGNED[up][1]
     name.set_position((step * right, step * up))
     name.set(horizontalalignment=horizontal, verticalalignment=vertical)

@@ -130,7 +130,6 @@ def page_section(section: PageSection, folder: Path, ending: str = "svg") -> Pag
 
 
 def _with_failures(folder: RunFolder, views: Mapping[str, StageView]) -> list[StageVerdict]:
-    """Return the stages' verdicts, and the manifest's entries of failed stages."""
     verdicts = [view.verdict for view in views.values()]
     stages = {} if folder.manifest is None else folder.manifest.stages
     for name, entry in stages.items():

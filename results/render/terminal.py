@@ -92,7 +92,6 @@ def _shorten(view: StageView, lines: int, width: int, place: str) -> StageView:
 
 
 def _screen(view: StageView, width: int, place: str = "") -> str:
-    """Return the text of a view on a terminal."""
     console = Console(
         width=width, force_terminal=True, no_color=True, highlight=False, markup=False
     )

@@ -134,7 +134,6 @@ def _blocks(
     truth: Mapping[str, float] | None,
     payload: Mapping[str, float] | None,
 ) -> tuple[Block, ...]:
-    """Return the content: estimates, their uncertainty, tests and figures."""
     blocks: list[Block] = [Facts(_details(folder, result), screen=True)]
     if not result.intervals_cover:
         blocks.append(TextBlock(result.intervals_note, Level.CAUTION, screen=True))
@@ -171,7 +170,6 @@ def _parameter_blocks(
     truth: Mapping[str, float] | None,
     payload: Mapping[str, float] | None,
 ) -> list[Block]:
-    """Return the parameters and derived quantities with their uncertainty."""
     blocks: list[Block] = payload_blocks(result, payload)
     name = result.best.upper()
     derived, names = result.best_estimator.derived, result.parameters

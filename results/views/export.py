@@ -197,7 +197,6 @@ def _read_back_table(files: Sequence[_File]) -> ReportTable:
 
 
 def _tightest(file: _File) -> str:
-    """Return the limit that is used most, and its share, 100 % at the bound."""
     definitions = limit_definitions()
     shares = {
         definitions[check.key].title: check.used

@@ -150,7 +150,6 @@ def _channels_table(
 
 
 def _correlation_table(what: str, unit: str, factor: float, covariance: Array) -> ReportTable:
-    """Return standard deviations and correlations, (6, 6), of the noise."""
     std = np.sqrt(np.diag(covariance))
     correlations = correlation_of(covariance)
     struts = range(1, len(std) + 1)

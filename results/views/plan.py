@@ -71,7 +71,6 @@ def _meanings(result: PlanResult) -> Iterator[str]:
 
 
 def _obstacle(goal: PlannedGoal) -> str:
-    """Return what prevents a missed goal, and what to do, in words."""
     unit = handy_unit(goal.unit, [goal.wanted])
     possible = unit.quantity(math.sqrt(2) * goal.floor, 3)  # half for the noise
     if goal.obstacle == NOISE:

@@ -94,7 +94,6 @@ _SEARCHED = (
 def _table(
     result: SweepResult, key: str, caption: str, columns: Iterable[TableColumn]
 ) -> ReportTable:
-    """Return a table of the designs, the values of the grid in front."""
     points = {one.number: point for one, point in zip(result.designs, result.points, strict=True)}
 
     def value_at(path: str) -> Callable[[SweptDesign], str]:
