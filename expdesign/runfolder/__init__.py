@@ -1,56 +1,30 @@
 """Run folders: results stored from the annotations of their fields, and the manifest of stages."""
 
-from expdesign.runfolder.fields import (
-    JSON_ONLY,
-    MAY_BE_EMPTY,
-    Column,
-    Covariance,
-    Numbers,
-    OpenNumber,
-    OpenNumbers,
-    UnboundedNumber,
-    UnboundedNumbers,
-    WholeNumbers,
-    described,
-    sized,
-    strutwise,
-)
-from expdesign.runfolder.files import MissingFileError
-from expdesign.runfolder.places import Matrix, Numbered, Place, StoredConfiguration, Table, Text
-from expdesign.runfolder.store import (
-    JsonFile,
-    RunFile,
-    StageResult,
-)
-from expdesign.runfolder.tables import ArrayTable, CsvFile, MatrixTable, RowTable, describe_tables
-
-__all__ = [
-    "JSON_ONLY",
-    "MAY_BE_EMPTY",
-    "ArrayTable",
-    "Column",
-    "Covariance",
-    "CsvFile",
-    "JsonFile",
-    "Matrix",
-    "MatrixTable",
-    "MissingFileError",
-    "Numbered",
-    "Numbers",
-    "OpenNumber",
-    "OpenNumbers",
-    "Place",
-    "RowTable",
-    "RunFile",
-    "StageResult",
-    "StoredConfiguration",
-    "Table",
-    "Text",
-    "UnboundedNumber",
-    "UnboundedNumbers",
-    "WholeNumbers",
-    "describe_tables",
-    "described",
-    "sized",
-    "strutwise",
-]
+from expdesign.runfolder.fields import JSON_ONLY as JSON_ONLY
+from expdesign.runfolder.fields import MAY_BE_EMPTY as MAY_BE_EMPTY
+from expdesign.runfolder.fields import Column as Column
+from expdesign.runfolder.fields import Covariance as Covariance
+from expdesign.runfolder.fields import Numbers as Numbers
+from expdesign.runfolder.fields import OpenNumber as OpenNumber
+from expdesign.runfolder.fields import OpenNumbers as OpenNumbers
+from expdesign.runfolder.fields import UnboundedNumber as UnboundedNumber
+from expdesign.runfolder.fields import UnboundedNumbers as UnboundedNumbers
+from expdesign.runfolder.fields import WholeNumbers as WholeNumbers
+from expdesign.runfolder.fields import described as described
+from expdesign.runfolder.fields import sized as sized
+from expdesign.runfolder.fields import strutwise as strutwise
+from expdesign.runfolder.files import MissingFileError as MissingFileError
+from expdesign.runfolder.places import Matrix as Matrix
+from expdesign.runfolder.places import Numbered as Numbered
+from expdesign.runfolder.places import Place as Place
+from expdesign.runfolder.places import StoredConfiguration as StoredConfiguration
+from expdesign.runfolder.places import Table as Table
+from expdesign.runfolder.places import Text as Text
+from expdesign.runfolder.store import JsonFile as JsonFile
+from expdesign.runfolder.store import RunFile as RunFile
+from expdesign.runfolder.store import StageResult as StageResult
+from expdesign.runfolder.tables import ArrayTable as ArrayTable
+from expdesign.runfolder.tables import CsvFile as CsvFile
+from expdesign.runfolder.tables import MatrixTable as MatrixTable
+from expdesign.runfolder.tables import RowTable as RowTable
+from expdesign.runfolder.tables import describe_tables as describe_tables

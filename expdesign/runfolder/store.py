@@ -75,23 +75,16 @@ class JsonFile:
     Each field is ``Annotated`` with `described`: its key, unit and meaning. A property with such a
     return type is written and checked, but not read: its value follows from the fields. Unknown
     keys are ignored.
-
-    Attributes
-    ----------
-    FILE : str
-        Path in the run folder.
-    FORMAT : int
-        Number of the format; a file with another number is refused.
-    WRITTEN_BY : str
-        Command that writes it, for the message about a missing file.
-    WRITTEN_BY_HAND : bool
-        A file without the key ``format`` is accepted.
     """
 
     FILE: ClassVar[str]
+    """Path in the run folder."""
     FORMAT: ClassVar[int] = 1
+    """Number of the format; a file with another number is refused."""
     WRITTEN_BY: ClassVar[str]
+    """Command that writes it, for the message about a missing file."""
     WRITTEN_BY_HAND: ClassVar[bool] = False
+    """A file without the key ``format`` is accepted."""
 
     def contradictions(self) -> Iterator[Problem]:
         """Yield the contradictions between the values: key, value found, values allowed.

@@ -83,6 +83,16 @@ class DesignStage(SearchStage):
         return "the sweep does it for each of its designs" if sweeps else ""
 
 
+class MotionsStage(DesignStage):
+    """Search for several motions of one experiment."""
+
+    name = "motions"
+    does = "searches the motions of the experiment"
+    file = "motions.json"
+    writes = (*TABLES, "motion-*/design.json")
+    compared = ""
+
+
 class NextStage(SearchStage):
     """Gain of the next motion over the last one repeated."""
 
@@ -93,16 +103,6 @@ class NextStage(SearchStage):
     sections = run_sections("trajectory", "design", **_PREDICTION)
     needs = ("design",)
     shown_after = "design"
-
-
-class MotionsStage(DesignStage):
-    """Search for several motions of one experiment."""
-
-    name = "motions"
-    does = "searches the motions of the experiment"
-    file = "motions.json"
-    writes = (*TABLES, "motion-*/design.json")
-    compared = ""
 
 
 class GoalsStage(SearchStage):
@@ -265,33 +265,21 @@ class ReportStage(Stage):
         return REPORT
 
 
-_BUILT_IN: tuple[type[Stage], ...] = (
-    DesignStage,
-    MotionsStage,
-    NextStage,
-    GoalsStage,
-    ExperimentStage,
-    NoiseStage,
-    MonteCarloStage,
-    EstimateStage,
-    ValidateStage,
-    FeedforwardStage,
-    SweepStage,
-    ExportStage,
-    ReportStage,
-)
 FIRST = DesignStage.name
 """Stage of a run whose file names none."""
 
 
 @cache
 def stages() -> Mapping[str, Stage]:
-    """Return the stages by name, in the order of a run.
+    """Return the stages by name, in the order of a run, which is that of their classes here.
 
     `next` and `noise` are commands only. Stages of plug-ins follow the stage that they name, or
     come last before the report.
     """
-    found: list[Stage] = [kind() for kind in _BUILT_IN]
+    own = [
+        kind for kind in globals().values() if isinstance(kind, type) and issubclass(kind, Stage)
+    ]
+    found: list[Stage] = [kind() for kind in own if hasattr(kind, "name")]
     for kind in declared_classes(Stage):  # type: ignore[type-abstract]
         if not isabstract(kind):
             stage = kind()

@@ -48,28 +48,19 @@ def foresee_nothing(_known: Known, _is_idle_for_long: bool) -> Iterator[Job]:
 
 
 class JobsAhead:
-    """Workers that do jobs ahead, and the results of all jobs that may be asked for again.
-
-    Attributes
-    ----------
-    answers : queue.Queue
-        Answers of these workers and of those that do required jobs at the same time.
-    known : dict
-        Results by the key of the job.
-    begun : set
-        Keys of the jobs that have begun, those that failed included: they do not begin again.
-    wanted : list of Job
-        Jobs to be done, the most important ones first.
-    busy : dict
-        Key of the job of each worker.
-    """
+    """Workers that do jobs ahead, and the results of all jobs that may be asked for again."""
 
     def __init__(self) -> None:
         self.answers: queue.Queue[Any] = queue.Queue()
+        """Answers of these workers and of those that do required jobs at the same time."""
         self.known: dict[bytes, Any] = {}
+        """Results by the key of the job."""
         self.begun = set[bytes]()
+        """Keys of the jobs that have begun, even those that failed: they do not begin again."""
         self.wanted: list[Job] = []
+        """Jobs to be done, the most important ones first."""
         self.busy: dict[Any, bytes] = {}
+        """Key of the job of each worker."""
 
     def next(self) -> Job | None:
         """Return the first wanted job that has not begun."""

@@ -172,15 +172,10 @@ class FigureDefinition(Generic[Source]):
 
 
 def figure_definition(
-    key: str,
-    caption: str,
-    *,
-    height: float,
-    width: float = PAGE_WIDTH,
-    seen: Callable[[Any], str] | None = None,
+    key: str, caption: str, **others: Any
 ) -> Callable[[Callable[[Figure, Source], None]], FigureDefinition[Source]]:
     """Return a decorator that makes a figure of the function that fills it."""
-    return lambda fill: FigureDefinition(key, caption, fill, height, width, seen)
+    return lambda fill: FigureDefinition(key, caption, fill, **others)
 
 
 # Neither dates nor versions: a figure changes only with its content.

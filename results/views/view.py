@@ -85,41 +85,27 @@ class ListingBlock:
 
 @dataclass(frozen=True)
 class TableColumn:
-    """A column of a table.
-
-    Parameters
-    ----------
-    title, unit : str
-        Head of the column.
-    kind : str
-        ``"parameter"`` holds names that are set as formulas, ``"outcome"`` words with a colour of
-        their own, ``"error"`` standard deviations of the column before; the terminal writes both
-        in one, ``1.2345(67)``.
-    digits : int
-        Significant digits of numbers.
-    of : str, callable or sequence
-        Cell of a row: an attribute of the row's object, such as ``"read_back.position_error"``
-        (empty when a part of the path is None), or a function of the object. A row that is a tuple
-        has the value in the column's place. In a table without objects `of` has the values.
-    factor : float
-        Numbers are shown times this factor, for a handier unit.
-    screen : bool
-        Whether the terminal shows the column.
-    wide : bool
-        Whether only a wide terminal shows it.
-    proof : bool
-        Whether it states what is proved, which holds only for unchanged files.
-    """
+    """A column of a table, with title and unit as its head."""
 
     title: str
     unit: str = ""
     kind: Kind = "number"
+    """``"parameter"`` holds names that are set as formulas, ``"outcome"`` words with a colour of
+    their own, ``"error"`` standard deviations of the column before; the terminal writes both in
+    one, ``1.2345(67)``."""
     digits: int = 4
+    """Significant digits of numbers."""
     of: str | Callable[[Any], Value] | Sequence[Value] | NDArray[Any] = ""
+    """Cell of a row: an attribute of the row's object, such as ``"read_back.position_error"``
+    (empty when a part of the path is None), or a function of the object. A row that is a tuple has
+    the value in the column's place. In a table without objects `of` has the values."""
     factor: float = 1
+    """Numbers are shown times this factor, for a handier unit."""
     screen: bool = True
     wide: bool = False
+    """Whether the terminal shows the column, and only a wide one."""
     proof: bool = False
+    """Whether it states what is proved, which holds only for unchanged files."""
 
     @property
     def heading(self) -> str:
