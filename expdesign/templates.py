@@ -8,11 +8,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 
 @cache
-def text_templates(package: str) -> Environment:
+def text_templates(package: str, *, autoescape: bool = False) -> Environment:
     """Return the templates of a package; blocks leave no lines, unknown names are errors."""
     return Environment(
         loader=PackageLoader(package, "templates"),
-        autoescape=False,
+        autoescape=autoescape,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -145,13 +145,6 @@ class MotionsResult(StageResult):
         """Whether the exchanges were stopped before their end."""
         return self.ended == STOPPED
 
-    @property
-    def passed(self) -> bool:
-        """Whether every motion keeps its limits and the searches were completed."""
-        return not self.interrupted and all(
-            one.status in ("converged", "not converged") for one in self.motions
-        )
-
 
 Searching = Callable[[RunConfiguration], AbstractContextManager[Monitor]]
 """Context of a search, which shows its events."""

@@ -301,11 +301,6 @@ class DesignResult(FourierKeys, StageResult):
         return Recheck(self.checks)
 
     @property
-    def per_period(self) -> PredictedPrecision:
-        """Predicted precision of one period."""
-        return self.predicted_std.per_period
-
-    @property
     def experiment(self) -> PredictedPrecision:
         """Predicted precision of the whole experiment."""
         return self.predicted_std.experiment

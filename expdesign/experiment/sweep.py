@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, make_dataclass, replace
 from functools import cache
 from itertools import product
-from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -291,11 +290,6 @@ def sweep_result(configuration: RunConfiguration, designs: Iterable[SweptDesign]
 def point_label(point: Mapping[str, Any], paths: Iterable[str]) -> str:
     """Return the values of a point at these key paths, in words."""
     return ", ".join(f"{short_path(path)} {value_text(point[path])}" for path in paths)
-
-
-def design_folder(folder: Path, name: str) -> Path:
-    """Return the run folder of one of the designs of the run in `folder`."""
-    return folder / FOLDER / name
 
 
 def design_point(

@@ -19,11 +19,11 @@ from expdesign.experiment.next_motion import NextResult, compare_with_repetition
 from expdesign.experiment.plan import LONGEST_DAYS, PlanResult, plan_measurement
 from expdesign.experiment.sweep import (
     FAILED,
+    FOLDER,
     INTERRUPTED,
     NOT_BEGUN,
     SweepResult,
     SweptDesign,
-    design_folder,
     design_point,
     sweep_result,
 )
@@ -316,7 +316,7 @@ def _designs(stage: Stage, work: Workspace, monitor: Monitor) -> Iterator[SweptD
 
 def _workspace(stage: Stage, point: GridPoint, folder: Path) -> Workspace:
     """Return the workspace of the design of a point, with the hash of its inputs."""
-    work = Workspace(point.configuration, design_folder(folder, point.name))
+    work = Workspace(point.configuration, folder / FOLDER / point.name)
     work.inputs[stage.name] = input_hash(stage, work)
     return work
 

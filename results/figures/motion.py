@@ -144,16 +144,6 @@ class RestToRestMotion:
             self.robot, executable, np.minimum(step * steps, executable.duration)
         )
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the segments."""
-        return tuple(segment.name for segment in self.executable.segments)
-
-    @property
-    def starts(self) -> Array:
-        """Beginning of every segment, and the end of the last, (K + 1,), s."""
-        return self.executable.starts
-
 
 _SHARE = 6.0
 """Limits are in view when their range is at most this many spans of the curves …"""
@@ -234,8 +224,8 @@ def _draw_period(result: DesignResult, panels: Any, quantities: Sequence[StrutQu
 def motion_figure(figure: Figure, result: RestToRestMotion) -> None:
     """Draw lengths, speeds and forces: the whole motion, and its two ramps close up."""
     panels = figure.subplots(3, 3, sharex="col", sharey="row", width_ratios=_WIDTHS)
-    end = float(result.starts[-1])
-    begin, leave = float(result.starts[1]), float(result.starts[-2])
+    starts = result.executable.starts
+    begin, leave, end = (float(starts[k]) for k in (1, -2, -1))
     views = ((0, begin * (1 + _BEYOND)), (0, end), (leave - (end - leave) * _BEYOND, end))
     for row, quantity in zip(panels, (LENGTH, SPEED, FORCE), strict=True):
         for axes, view in zip(row, views, strict=True):
@@ -244,25 +234,24 @@ def motion_figure(figure: Figure, result: RestToRestMotion) -> None:
                 text.remove()
             axes.set_title("")
             axes.set_xlim(*view)
-            for start in result.starts[1:-1]:
+            for start in starts[1:-1]:
                 axes.axvline(start, color=INK, linewidth=0.8, dashes=(3, 2))
         for axes in row[1:]:
             axes.set_ylabel("")
     for axes in panels[-1]:
         axes.set_xlabel("Time (s)")
-    _name_segments(panels[0, 0], result, result.names[:2])
-    _name_segments(panels[0, 2], result, result.names[-2:])
+    _name_segments(panels[0, 0], result.executable, slice(None, 2))
+    _name_segments(panels[0, 2], result.executable, slice(-2, None))
     panels[0, 1].set_title("whole motion")
     figure.align_ylabels()
     add_strut_legend(figure)
 
 
-def _name_segments(axes: Axes, result: RestToRestMotion, names: tuple[str, ...]) -> None:
+def _name_segments(axes: Axes, motion: ExecutableMotion, shown: slice) -> None:
     """Write each segment's name above the middle of its visible part."""
     low, high = axes.get_xlim()
-    for name in names:
-        k = result.names.index(name)
-        middle = np.clip(result.starts[k : k + 2], low, high).mean()
+    for k, name in list(enumerate(segment.name for segment in motion.segments))[shown]:
+        middle = np.clip(motion.starts[k : k + 2], low, high).mean()
         axes.text(
             (middle - low) / (high - low),
             1.03,

@@ -8,10 +8,11 @@ import zlib
 from functools import cache
 from importlib.resources import files
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 from markupsafe import Markup, escape
 from plotly.offline import get_plotlyjs
 
+from expdesign.templates import text_templates
 from results.notation import GREEK, parts, symbol, symbol_parts
 from results.views.view import Page, ReportTable, TableColumn, Value, cell_text, sort_key
 
@@ -63,14 +64,7 @@ def code_html(text: str) -> Markup:
 
 @cache
 def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("results.render", _TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+    environment = text_templates("results.render", autoescape=True)
     environment.filters["symbol"] = symbol_html
     environment.filters["unit"] = unit_html
     environment.filters["code"] = code_html

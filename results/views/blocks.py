@@ -140,13 +140,11 @@ def motor_columns(
 
     There are none without a lead of the drives.
     """
-    return (
-        ()
-        if torque_per_force is None
-        else tuple(
-            TableColumn(f"motor, {title}", "N m", digits=3, of=of, factor=torque_per_force)
-            for title, of in quantities.items()
-        )
+    if torque_per_force is None:
+        return ()
+    return tuple(
+        TableColumn(f"motor, {title}", "N m", digits=3, of=of, factor=torque_per_force)
+        for title, of in quantities.items()
     )
 
 

@@ -55,8 +55,9 @@ def noise_view(folder: RunFolder) -> StageView:
     failed = [finding for finding in noise.findings if finding.outcome is FindingOutcome.FAILS]
     serious = any(finding.serious for finding in failed)
     level = Level.BAD if serious else Level.CAUTION if failed else Level.GOOD
+    taken = "of the machine at rest" if noise.at_rest else f"in {readable(noise.periods)} periods"
     sentence = (
-        f"{noise.rows} samples {_taken(noise)}: standard deviation of the "
+        f"{noise.rows} samples {taken}: standard deviation of the "
         f"forces {_range(noise.force_std)} N, of the lengths {_range(_MM * noise.length_std)} mm."
     )
     if failed:
@@ -95,12 +96,6 @@ def noise_view(folder: RunFolder) -> StageView:
     blocks += drawings(SPECTRUM_FIGURES, noise)
     blocks.append(_covariance_table(noise))
     return StageView(StageVerdict("Noise", level, word, sentence, "noise"), tuple(blocks))
-
-
-def _taken(noise: NoiseResult) -> str:
-    if noise.at_rest:
-        return "of the machine at rest"
-    return f"in {readable(noise.periods)} periods"
 
 
 def _range(std: Array) -> str:

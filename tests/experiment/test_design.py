@@ -85,7 +85,7 @@ def test_log_det_is_that_of_the_trajectory(tiny_result):
 def test_predicted_std_is_that_of_the_trajectory(tiny_result):
     names = tiny_result.parameter_names
     assert names == tiny_result.robot.parameter_names
-    per_period, experiment = tiny_result.per_period, tiny_result.experiment
+    per_period, experiment = tiny_result.predicted_std.per_period, tiny_result.experiment
     expected = std_of(information_of(tiny_result, 24))
     assert (per_period.samples, per_period.periods) == (24, 1)
     np.testing.assert_allclose([per_period.std[n] for n in names], expected, rtol=1e-5)

@@ -40,8 +40,9 @@ def record():
 
 def test_the_record_is_at_the_controllers_steps(record):
     np.testing.assert_allclose(np.diff(record.motion.time), STEP)
-    np.testing.assert_allclose(record.motion.time[-1], record.starts[-1])
-    assert record.names == ("ramp in", "periods", "ramp out")
+    np.testing.assert_allclose(record.motion.time[-1], record.executable.starts[-1])
+    names = [segment.name for segment in record.executable.segments]
+    assert names == ["ramp in", "periods", "ramp out"]
     np.testing.assert_allclose(record.motion.speed[[0, -1]], 0, atol=1e-12)
     difference = (record.motion.length[2:] - record.motion.length[:-2]) / (2 * STEP)
     np.testing.assert_allclose(difference, record.motion.speed[1:-1], atol=2e-3)
@@ -56,10 +57,10 @@ def test_the_figure_marks_the_segments(record, tmp_path):
     for axes in panels.flat:
         marks = [line for line in axes.lines if len(line.get_xdata()) == 2]
         vertical = [line.get_xdata()[0] for line in marks if np.ptp(line.get_xdata()) == 0]
-        np.testing.assert_allclose(vertical, record.starts[1:-1])
+        np.testing.assert_allclose(vertical, record.executable.starts[1:-1])
     texts = [text.get_text() for text in panels[0, 0].texts]
     assert texts[-2:] == ["ramp in", "periods"]
-    np.testing.assert_allclose(panels[0, 1].get_xlim(), (0, record.starts[-1]))
+    np.testing.assert_allclose(panels[0, 1].get_xlim(), (0, record.executable.starts[-1]))
     paths = save_figures((motion_figure,), record, tmp_path)
     assert [path.name for path in paths] == ["motion.png", "motion.svg"]
     assert all(path.stat().st_size > 1000 for path in paths)

@@ -69,7 +69,8 @@ def folder(tmp_path_factory):
 
 def test_every_motion_has_the_folder_of_a_design(folder):
     result = MotionsResult.read(folder)
-    assert result.passed
+    assert not result.interrupted
+    assert {one.status for one in result.motions} <= {"converged", "not converged"}
     for number, one in enumerate(result.motions, start=1):
         place = folder / one.folder
         design, run = DesignResult.read(place), load_run(place / "run.yaml").run
@@ -194,7 +195,7 @@ def test_a_stop_keeps_the_motions_once_there_are_all(searches):
                 design()
             return
         result, _ = design()
-    assert (result.interrupted, result.passed) == (True, False)
+    assert result.interrupted
     assert len(made) == len(result.searches) == searches
 
 
