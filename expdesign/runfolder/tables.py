@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Generic, Self, TypeVar
 import numpy as np
 from pydantic import ValidationError
 
-from constraints.arrays import Array
+from constraints.arrays import Array, Mask
 from expdesign.configuration import InputError, quote
 from expdesign.configuration.errors import value_problem
 from expdesign.configuration.estimate import Header
@@ -128,8 +128,11 @@ class CsvFile(Generic[Written, Found]):
         if some and not rows:
             raise InputError("the table has no rows", path, allowed="at least one")
         numbers = {name: _as_numbers(column) for name, column in cells.items()}
+        allowed = f"numbers up to {LARGEST_NUMBER:g}"
         for name, values in numbers.items():
-            _refuse_large(path, cells, name, values)
+            # A broken limit may have an infinite excess.
+            large = np.isfinite(values) & (np.abs(values) > LARGEST_NUMBER)
+            _refuse_cells(path, cells, name, large, "number of a result", allowed)
         return cells, numbers
 
 
@@ -198,12 +201,8 @@ class RowTable(CsvFile[Iterable[Row], tuple[Row, ...]], Generic[Row]):
         for line, (here, there) in enumerate(zip_longest(found, wanted), start=_FIRST_LINE):
             if here == there:
                 continue
-            key = ""
-            if here is None:
-                message = f"the table ends after {len(rows)} rows"
-            elif there is None:
-                message = f"the table has {len(rows)} rows"
-            else:
+            key, message = "", f"the table has {len(rows)} rows"
+            if here is not None and there is not None:
                 place = next(k for k, value in enumerate(here) if value != there[k])
                 key = f"column {names[place]}"
                 message = f"expected {quote(there[place])}, found {quote(here[place])}"
@@ -238,7 +237,9 @@ class ArrayTable(CsvFile[Block, Block], Generic[Block]):
     def read(self, folder: Path) -> Block:
         """Read the arrays; every number is finite."""
         cells, numbers = self._read(folder, some=self.some)
-        _refuse_infinite(folder / self.file, cells, numbers, self.names)
+        for name in self.names:
+            infinite = ~np.isfinite(numbers[name])
+            _refuse_cells(folder / self.file, cells, name, infinite, "finite number")
         parts: dict[str, Array] = {}
         for name, columns in field_columns(self.block):
             values = [numbers[column.name] for column in columns]
@@ -280,7 +281,9 @@ class MatrixTable(CsvFile[Matrices, tuple[tuple[tuple[str, ...], ...], tuple[str
         cells, numbers = self._read(folder)
         keys = tuple(zip(*(cells[name] for name in self.names), strict=True))
         names = tuple(name for name in cells if name not in self.names)
-        _refuse_infinite(folder / self.file, cells, numbers, names)
+        for name in names:
+            infinite = ~np.isfinite(numbers[name])
+            _refuse_cells(folder / self.file, cells, name, infinite, "finite number")
         columns = [numbers[name] for name in names]
         return keys, names, np.column_stack(columns) if columns else np.empty((len(keys), 0))
 
@@ -300,27 +303,14 @@ def _as_number(cell: str) -> float:
         return math.nan
 
 
-def _refuse_infinite(
-    path: Path, cells: Cells, numbers: Mapping[str, Array], names: Iterable[str]
+def _refuse_cells(
+    path: Path, cells: Cells, name: str, wrong: Mask, number: str, allowed: str | None = None
 ) -> None:
-    for name in names:
-        wrong = np.flatnonzero(~np.isfinite(numbers[name]))
-        if wrong.size:
-            row = int(wrong[0])
-            message = f"{quote(cells[name][row])} is not a finite number"
-            raise InputError(message, path, row + _FIRST_LINE, f"column {name}")
-
-
-def _refuse_large(path: Path, cells: Cells, name: str, values: Array) -> None:
-    """Refuse numbers whose squares overflow; a broken limit may have an infinite excess."""
-    large = np.flatnonzero(np.isfinite(values) & (np.abs(values) > LARGEST_NUMBER))
-    if large.size:
-        row = int(large[0])
-        raise InputError(
-            f"{quote(cells[name][row])} is not a number of a result",
-            *(path, row + _FIRST_LINE, f"column {name}"),
-            allowed=f"numbers up to {LARGEST_NUMBER:g}",
-        )
+    """Refuse the first wrong cell of a column."""
+    if np.any(wrong):
+        row = int(np.argmax(wrong))
+        message = f"{quote(cells[name][row])} is not a {number}"
+        raise InputError(message, path, row + _FIRST_LINE, f"column {name}", allowed)
 
 
 def write_csv(

@@ -79,7 +79,6 @@ STYLE: dict[str, Any] = {
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.axisbelow": True,
-    "axes.unicode_minus": True,
     "grid.color": "#e4e4e4",
     "grid.linewidth": 0.6,
     "xtick.labelsize": 7.5,
@@ -99,14 +98,11 @@ STYLE: dict[str, Any] = {
     "legend.handlelength": 1.8,
     "legend.columnspacing": 1.4,
     "legend.borderaxespad": 0.2,
-    "mathtext.fontset": "dejavusans",
-    "figure.facecolor": "white",
     "figure.constrained_layout.w_pad": 0.05,
     "figure.constrained_layout.wspace": 0.03,
     "savefig.facecolor": "white",
     "savefig.dpi": RESOLUTION,
-    # Text as paths looks the same without the font; a fixed salt gives the same ids every time.
-    "svg.fonttype": "path",
+    # A fixed salt gives the same ids every time.
     "svg.hashsalt": "expdesign",
     "pdf.fonttype": 42,  # TrueType: letters that can be selected, and that publishers take
 }
