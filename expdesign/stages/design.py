@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -182,15 +181,9 @@ def run_goals(work: Workspace) -> Outcome:
         result=result,
         summary={
             "reachable": result.reachable,
-            "periods": result.periods if result.reachable else None,
-            "minutes": result.minutes if result.reachable else None,
-            "goals": [
-                {
-                    key: None if isinstance(value, float) and math.isnan(value) else value
-                    for key, value in asdict(one).items()
-                }
-                for one in result.goals
-            ],
+            "periods": result.periods,
+            "minutes": result.minutes,
+            "goals": [asdict(one) for one in result.goals],
         },
         # Not "done": a run would keep the plan, and go on to the stages after it.
         status="not reachable" if missed else "done",

@@ -57,7 +57,14 @@ def write_comparison(
         )
     with consistent_reading(*paths):
         folders = open_folders(paths, stages)
-        views = _compare(folders, stages, precision, quick=quick)
+        views = list[StageView]()
+        for name, stage in track("comparing", tuple(stages.items())):
+            holding = {label: folder for label, folder in folders.items() if folder.has(name)}
+            if not (stage.compared and holding):
+                continue
+            compare = stage.views().compare
+            view = compare(holding, precision, quick) if compare else compare_facts(name, holding)
+            views += [] if view is None else [view]
     written = [file for view in views for file in draw_figures(view, out, _FORMATS)]
     page = _page(folders, views, out)
     for table in page.tables:
@@ -77,25 +84,6 @@ def csv_table(table: ReportTable) -> str:
     for row in table.rows:
         writer.writerow([None if value != value else value for value in row])  # noqa: PLR0124 - NaN
     return text.getvalue()
-
-
-def _compare(
-    folders: Mapping[str, RunFolder],
-    stages: Mapping[str, ViewedStage],
-    precision: float,
-    *,
-    quick: bool,
-) -> list[StageView]:
-    found = []
-    for name, stage in track("comparing", tuple(stages.items())):
-        holding = {label: folder for label, folder in folders.items() if folder.has(name)}
-        if stage.compared and holding:
-            compare = stage.views().compare
-            if compare is None:
-                found.append(compare_facts(name, holding))
-            else:
-                found.append(compare(holding, precision, quick))
-    return [view for view in found if view is not None]
 
 
 def _page(folders: Mapping[str, RunFolder], views: Sequence[StageView], out: Path) -> Page:
