@@ -37,7 +37,7 @@ from expdesign.experiment.precision import (
 from expdesign.experiment.setup import plan_search
 from expdesign.information import fisher
 from expdesign.robot.derived import KnownQuantity
-from expdesign.runfolder import OpenNumber, StageResult, Table, described
+from expdesign.runfolder import OpenNumber, RunFile, StageResult, Table, described
 from expdesign.solver.search import NoDesignError
 from expdesign.trajectory import FourierTrajectory
 from expdesign.workers import JobJournal, Monitor, StoppedError
@@ -92,15 +92,12 @@ class MotionSearch:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class MotionsResult(StageResult):
+class MotionsResult(RunFile, StageResult):
     """Several motions of one experiment, with the predicted precision of all recordings."""
 
     FILE: ClassVar[str] = "motions.json"
     WRITTEN_BY: ClassVar[str] = "`expdesign design` of a run with several motions"
 
-    units: Annotated[str, described("", "of all values")] = "SI and radians"
-    name: Annotated[str, described("", "name of the run")]
-    robot_name: Annotated[str, described("", "name of the robot", name="robot")]
     criterion: Annotated[str, described("", "the optimised criterion: d, a, e or condition")]
     criterion_value: Annotated[
         OpenNumber,
@@ -285,7 +282,7 @@ def _motions_result(
     ]
     return MotionsResult(
         name=configuration.run.name,
-        robot_name=evaluator.robot.name,
+        robot=evaluator.robot.name,
         criterion=first.criterion,
         criterion_value=ascent.searches[-1].criterion_value,
         log_det_information=evaluator.log_det(mean),

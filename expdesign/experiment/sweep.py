@@ -19,7 +19,7 @@ from expdesign.configuration.run import GridPoint
 from expdesign.experiment.design import design
 from expdesign.experiment.plan import Prediction, minutes_to_goals
 from expdesign.experiment.result import DesignResult
-from expdesign.runfolder import OpenNumber, RowTable, StageResult, Table, described
+from expdesign.runfolder import OpenNumber, RowTable, RunFile, StageResult, Table, described
 from expdesign.workers import JobJournal, Monitor
 
 FOLDER = "designs"
@@ -188,15 +188,12 @@ def _key_path(path: str) -> str:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class SweepResult(StageResult):
+class SweepResult(RunFile, StageResult):
     """The designs of a sweep in the order of its grid."""
 
     FILE: ClassVar[str] = "sweep.json"
     WRITTEN_BY: ClassVar[str] = "`expdesign run` of a run with `sweep:`"
 
-    units: Annotated[str, described("", "of all values")] = "SI and radians"
-    name: Annotated[str, described("", "name of the run")]
-    robot_name: Annotated[str, described("", "name of the robot", name="robot")]
     grid: Annotated[
         dict[Annotated[str, AfterValidator(_key_path)], tuple[Any, ...]],
         described("", "by key path its values, as the run file states them"),
@@ -280,7 +277,7 @@ def sweep_result(configuration: RunConfiguration, designs: Iterable[SweptDesign]
     """Return the result of a sweep with these designs."""
     return SweepResult(
         name=configuration.run.name,
-        robot_name=configuration.robot.name,
+        robot=configuration.robot.name,
         grid=dict(configuration.run.sweep or {}),
         goals=tuple(configuration.run.goals),
         designs=tuple(designs),
