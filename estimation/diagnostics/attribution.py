@@ -361,7 +361,7 @@ def position_periodic_finding(attribution: Attribution) -> Finding:
         own,
         PERIODIC.assumption.fails(
             f"position-periodic force (cogging) in {where}: {'; '.join(forces)}",
-            _effect_p(own, PERIODIC.kind),
+            _smallest_p(own),
             level,
             where=where,
         ),
@@ -388,7 +388,7 @@ def hypothesis_finding(attribution: Attribution, hypothesis: Hypothesis) -> Find
         )
     found = assumption.fails(
         "; ".join(_describe(hypothesis, effect) for effect in effects),
-        _effect_p(effects, hypothesis.kind),
+        _smallest_p(effects),
         hypothesis.level,
         where=", ".join(dict.fromkeys(_place(effect) for effect in effects if _place(effect))),
     )
@@ -522,6 +522,6 @@ def effect_strengths(attribution: Attribution) -> dict[str, float]:
     return strengths
 
 
-def _effect_p(effects: Sequence[Effect], kind: str) -> float:
-    """Return the smallest p of the effects of one kind, corrected for their family."""
-    return float(np.exp(min(effect.log_p for effect in effects if effect.kind == kind)))
+def _smallest_p(effects: Sequence[Effect]) -> float:
+    """Return the smallest p of effects of one kind, corrected for their family."""
+    return float(np.exp(min(effect.log_p for effect in effects)))

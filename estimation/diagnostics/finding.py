@@ -64,6 +64,10 @@ class Finding:
         contradiction = self.contradiction and prefix + self.contradiction
         return replace(self, sentence=prefix + self.sentence, contradiction=contradiction)
 
+    def in_experiment(self, number: int, experiments: int) -> Finding:
+        """Return the finding with the number of its experiment, if there are several."""
+        return self.in_part(f"experiment {number}") if experiments > 1 else self
+
 
 @dataclass(frozen=True)
 class Assumption:

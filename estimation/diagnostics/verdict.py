@@ -184,7 +184,7 @@ def verdict(
     failures come first, causes before their consequences.
     """
     of_the_forces = tuple(
-        finding.in_part(f"experiment {number}") if len(experiments) > 1 else finding
+        finding.in_experiment(number, len(experiments))
         for number, experiment in enumerate(experiments, 1)
         for finding in experiment_findings(experiment, wrong_channels=bool(channels))
     )
@@ -547,15 +547,11 @@ def check_convergence(estimate: ParameterEstimate) -> tuple[Finding, ...]:
 
 def check_motion_onset(experiments: Sequence[Experiment]) -> tuple[Finding, ...]:
     """Return a finding for every experiment whose recording begins before the motion."""
-    found = []
-    for number, experiment in enumerate(experiments, 1):
-        begin = experiment.recording.motion_onset
-        if begin is not None:
-            finding = _MOVING.fails(
-                f"the struts do not move before {begin:.4g} s",
-                advice=f"leave the rows before the motion out: `data.start: {begin:.4g} s`",
-            )
-            found.append(
-                finding.in_part(f"experiment {number}") if len(experiments) > 1 else finding
-            )
-    return tuple(found)
+    return tuple(
+        _MOVING.fails(
+            f"the struts do not move before {begin:.4g} s",
+            advice=f"leave the rows before the motion out: `data.start: {begin:.4g} s`",
+        ).in_experiment(number, len(experiments))
+        for number, experiment in enumerate(experiments, 1)
+        if (begin := experiment.recording.motion_onset) is not None
+    )

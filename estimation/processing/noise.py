@@ -161,11 +161,6 @@ class NoiseModel:
     forces: NoiseEstimate
     lengths: NoiseEstimate
 
-    @classmethod
-    def given(cls, forces: Array, lengths: Array) -> NoiseModel:
-        """Build the noise model from known covariances."""
-        return cls(NoiseEstimate(forces, np.inf, "given"), NoiseEstimate(lengths, np.inf, "given"))
-
     def as_white(self) -> NoiseModel:
         """Return white noise of the same covariances."""
         return NoiseModel(self.forces.as_white(), self.lengths.as_white())

@@ -332,13 +332,13 @@ def fold_recording(
             f"the recording has {available} rows, a period of {2 * np.pi / omega:.6g} s needs "
             f"{per_period:.6g}"
         )
-    whole = None if data.stamped else whole_samples(omega, data.step, complete)
-    averaged = whole is not None and average
-    span = complete * whole if whole is not None and average else complete * per_period
+    exact = average and not data.stamped
+    whole = whole_samples(omega, data.step, complete) if exact else None
+    span = complete * (whole or per_period)
     rows = int(np.searchsorted(places, min(int(np.ceil(span * (1 - 1e-12))), available)))
     used = slice(start, start + rows)
     collected: Callable[..., _Collected]
-    if whole is not None and average:
+    if whole is not None:
         origin, periods = 0.0, float(complete)
         phases = _Phases(places[:rows], complete, whole)
         times = data.time[start] + data.step * np.flatnonzero(phases.seen)
@@ -364,13 +364,13 @@ def fold_recording(
     forces, lengths = (channels(*each) for each in both)
     sensors = data.force_sensors, data.length_sensors
     if any(sensors):
-        if whole is None or not average or min(len(forces.values), len(lengths.values)) < whole:
+        if whole is None or min(len(forces.values), len(lengths.values)) < whole:
             raise PeriodError(_SENSORS)
         forces, lengths = (
             each.before_sensors(one, data.step)
             for each, one in zip((forces, lengths), sensors, strict=True)
         )
-    elif whole is not None and average:
+    elif whole is not None:
         forces, lengths = _with_profiles(forces, lengths)
         if robust:
             forces, lengths = (
@@ -388,7 +388,7 @@ def fold_recording(
         dropped=len(data) - rows,
         step=data.step,
         stamped=data.stamped,
-        averaged=averaged,
+        averaged=whole is not None,
         robust=robust,
         lost=int(places[rows - 1]) + 1 - rows if data.lost else 0,
         origin=origin,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from constraints.arrays import Array, Mask
 from expdesign.configuration import RunConfiguration
 from expdesign.configuration.estimate import Delay
 from expdesign.configuration.experiment import ForceConstantError, LowPass
+from expdesign.export.execution import blocks
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms import friction, platform_forces, rigid_platform, struts
 from expdesign.mechanism.terms.actuator_forces import BACK_EMF
@@ -31,8 +32,6 @@ CARRIED = frozenset(
 )
 """Terms of the bodies and of the passive joints: their forces pass through the elastic struts.
 All others, such as friction of the actuators, act at the motor."""
-_BLOCK = 4096
-"""Number of samples with regressors (144 values each) in memory at once."""
 _STEP = 2e-5
 """Step of the numerical derivative of the struts' load, s."""
 _NEWTON_STEPS = 3
@@ -119,7 +118,7 @@ class Machine:
     def _lengths(self, motion: Motion, times: Array) -> Array:
         """Return the lengths at the motors alone, (D, 6), m."""
         found = []
-        for at in _blocks(times):
+        for at in blocks(times):
             with np.errstate(all="ignore"):
                 states = motion.sample(at)
                 lengths = self.robot.inverse_kinematics(states.pose)
@@ -131,7 +130,7 @@ class Machine:
     def _motor_states(self, motion: Motion, times: Array) -> tuple[Array, Array]:
         """Return lengths at the motors, m, and their forces, N, (D, 6) each."""
         lengths, forces = [], []
-        for at in _blocks(times):
+        for at in blocks(times):
             # The caller refuses infinities due to absurd motions.
             with np.errstate(all="ignore"):
                 states = motion.sample(at)
@@ -207,11 +206,6 @@ def with_motors(machine: Robot, robot: Robot) -> tuple[Robot, Array]:
     damping = zip((one.name for one in BACK_EMF.parameters), drive.back_emf, strict=True)
     driven = Robot(replace(about, parameters={**about.parameters, **dict(damping)}))
     return driven, np.divide(known.forces_per_volt, drive.forces_per_volt)
-
-
-def _blocks(times: Array) -> Iterator[Array]:
-    for start in range(0, len(times), _BLOCK):
-        yield times[start : start + _BLOCK]
 
 
 @dataclass(frozen=True, eq=False)

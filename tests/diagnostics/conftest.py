@@ -23,6 +23,7 @@ from estimation.processing import NoiseEstimate, NoiseModel, PeriodSource, fold_
 from expdesign.configuration.estimate import EstimateSection
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
+from tests.estimation.cases import given_noise
 
 HARMONICS = 3
 
@@ -58,9 +59,7 @@ class Laboratory:
     @property
     def noise(self):
         given = self.robot.description.noise
-        return NoiseModel.given(
-            given.force_covariance, given.length_covariance * self.length_scale**2
-        )
+        return given_noise(given.force_covariance, given.length_covariance * self.length_scale**2)
 
     def measure(self, seed, *, cogging=None, delay=0.0, parameters=None, samples=None):
         """Measure; a number of samples per period that is not whole keeps the periods apart."""

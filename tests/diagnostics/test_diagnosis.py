@@ -9,8 +9,9 @@ from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.diagnosis_result import Diagnosis
 from estimation.diagnostics.finding import FindingOutcome, Status
-from estimation.processing import NoiseModel, PeriodSource, fold_recording
+from estimation.processing import PeriodSource, fold_recording
 from expdesign.runfolder import JsonFile, described
+from tests.estimation.cases import given_noise
 
 
 def _diagnose(lab, experiments, estimate, **options):
@@ -151,7 +152,7 @@ def test_one_period_with_given_noise(laboratory, sound):
 def test_noise_that_was_given_too_large_or_too_small(laboratory, sound):
     experiment, estimate = sound
     for factor, word in ((1.5, "too small"), (0.7, "too large")):
-        noise = NoiseModel.given(
+        noise = given_noise(
             factor * laboratory.noise.forces.covariance, laboratory.noise.lengths.covariance
         )
         result = _diagnose(laboratory, [replace(experiment, noise=noise)], estimate)

@@ -14,13 +14,14 @@ from estimation.estimators import PerturbedMachine
 from estimation.estimators.experiment import Experiment
 from estimation.kinematics import fit_motion
 from estimation.measurement_model.motion import NormalEquations
-from estimation.processing import NoiseModel, PeriodSource
+from estimation.processing import PeriodSource
 from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.mechanism.terms import DEFAULT, term_definitions
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, deviations, toleranced_deviations
 from tests.diagnostics.conftest import Laboratory
+from tests.estimation.cases import given_noise
 
 
 @pytest.fixture(scope="module")
@@ -399,7 +400,7 @@ def test_rivals_leave_nothing_of_an_effect(lab, palida):
 def test_noise_that_was_given_too_small_is_no_cause(lab):
     """It has its own test; causes are judged by the noise that the recording shows."""
     experiment = lab.experiment(lab.measure(1))
-    small = NoiseModel.given(0.4 * lab.noise.forces.covariance, lab.noise.lengths.covariance)
+    small = given_noise(0.4 * lab.noise.forces.covariance, lab.noise.lengths.covariance)
     given = replace(experiment, noise=small)
     result = diagnose(lab.robot, [given], lab.knowledge, lab.estimate([given]))
     assert _named(result) == []

@@ -6,6 +6,7 @@ from estimation.data.measurement import Measurement
 from estimation.estimators import ParameterEstimate
 from estimation.identification.estimate import identified_model
 from estimation.identification.result import EstimateFile
+from estimation.processing import NoiseEstimate, NoiseModel
 from expdesign.configuration import load_run
 from expdesign.robot import load_robot
 from expdesign.trajectory import FourierTrajectory
@@ -17,6 +18,11 @@ PERIODS = 5
 
 def run(estimate=None, **sections):
     return load_run({"name": "case", "robot": "palida", "estimate": estimate or {}, **sections})
+
+
+def given_noise(forces, lengths):
+    """Return the noise of known covariances."""
+    return NoiseModel(*(NoiseEstimate(each, np.inf, "given") for each in (forces, lengths)))
 
 
 def trajectory(samples=200, step=STEP, harmonics=2, seed=4):

@@ -35,7 +35,7 @@ from estimation.twin import Twin
 from estimation.uncertainty.intervals import interval_widths
 from expdesign.configuration.estimate import EstimateSection
 from expdesign.noise import multiplicity
-from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
+from tests.estimation.cases import ROBOT, STEP, given_noise, measured, run, trajectory
 
 SIGMA = ROBOT.description.noise.force_covariance
 DELTA = ROBOT.description.noise.length_covariance
@@ -322,7 +322,7 @@ def test_weights_that_lose_something_are_no_colour():
     weights = replace(given_filter(SIGMA, flat, record.samples), loss=1.2)
     lines = NoiseLines(flat, record.samples, np.inf)
     forces = NoiseEstimate(SIGMA, np.inf, lines=lines, filter=weights)
-    noise = replace(NoiseModel.given(SIGMA, DELTA), forces=forces)
+    noise = replace(given_noise(SIGMA, DELTA), forces=forces)
     fit = fit_motion(ROBOT, record, noise.lengths, 2)
     experiment = Experiment.from_fit(ROBOT, record, noise, fit)
     found = linear_estimate(ROBOT, [experiment], KNOWN, "gm")

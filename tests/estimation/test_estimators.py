@@ -17,12 +17,12 @@ from estimation.estimators.joint_equations import PerturbedMachine, reduced_info
 from estimation.kinematics import fit_motion
 from estimation.measurement_model import HarmonicMotion
 from estimation.measurement_model.prediction import held_regressor_kernel
-from estimation.processing import NoiseModel, PeriodSource, fold_recording
+from estimation.processing import PeriodSource, fold_recording
 from expdesign.configuration.estimate import EstimateSection
-from tests.estimation.cases import ROBOT, measured, trajectory
+from tests.estimation.cases import ROBOT, given_noise, measured, trajectory
 
 NOISE = ROBOT.description.noise
-GIVEN = NoiseModel.given(NOISE.force_covariance, NOISE.length_covariance)
+GIVEN = given_noise(NOISE.force_covariance, NOISE.length_covariance)
 MOTION = trajectory()
 
 
@@ -206,7 +206,7 @@ def test_parameters_that_nothing_excites_are_named():
 def test_estimates_spread_as_they_say_and_cover():
     known = knowledge()
     pulls = {"ls": [], "gm": [], "ml": []}
-    noise = NoiseModel.given(NOISE.force_covariance, 25 * NOISE.length_covariance)
+    noise = given_noise(NOISE.force_covariance, 25 * NOISE.length_covariance)
     for seed in range(40):
         case = experiment(seed, noise=noise, length_scale=5)
         gm = linear_estimate(ROBOT, [case], known, "gm")
