@@ -39,22 +39,12 @@ from expdesign.configuration import (
     InputError,
     Problem,
     ResolvedRobot,
+    quantity,
     quote,
 )
 from expdesign.configuration.actuator_units import VOLTAGE_KINDS, ActuatorUnits
 from expdesign.configuration.document import refuse_special
 from expdesign.configuration.estimate import CHANNEL_UNITS, SUPPLY
-from expdesign.configuration.quantity import (
-    COUNT,
-    CURRENT,
-    DURATION,
-    DUTY,
-    LENGTH,
-    VOLTAGE,
-    Quantity,
-    quantity_of_unit,
-    same_unit,
-)
 from expdesign.robot.robot import Robot
 from expdesign.runfolder.manifest import Manifest
 
@@ -252,7 +242,7 @@ def convert_to_si(
     values, units = dict(table.values), section.actuator_units(machine.description)
     problems: list[Problem] = []
     warnings: list[str] = []
-    kinds = dict[str, Quantity | None]()
+    kinds = dict[str, quantity.Quantity | None]()
     for channel in (name for name in table.values if name != "period"):
         try:
             if channel == "t":
@@ -271,7 +261,7 @@ def convert_to_si(
     _refuse_unused_scales(table, section, kinds.values())
     supply = values.pop(SUPPLY, None)
     for channel, kind in kinds.items():
-        if supply is not None and kind is DUTY:
+        if supply is not None and kind is quantity.DUTY:
             values[channel] = values[channel] * supply
     voltages = {kinds[channel] in VOLTAGE_KINDS for channel in FORCE_CHANNELS}
     if len(voltages) > 1:
@@ -291,7 +281,7 @@ def file_channels(
     units = section.actuator_units(robot)
     found: dict[str, NDArray[Any]] = {"t": data.time}
     if unit := section.units.get("t"):
-        found["t"] = data.time / DURATION.parse(f"1 {unit}")
+        found["t"] = data.time / quantity.DURATION.parse(f"1 {unit}")
     offsets = _offsets(section, Robot(robot))
     supply = robot.drive.supply if np.isfinite(robot.drive.supply) else 1.0
     for channel in (*LENGTH_CHANNELS, *FORCE_CHANNELS):
@@ -302,11 +292,11 @@ def file_channels(
         factor = section.channel_signs(group)[strut] * section.channel_scales(group)[strut]
         if unit := section.unit_of(channel):
             factor *= units.si_values(unit)[strut]
-            if SUPPLY in section.columns and quantity_of_unit(unit) is DUTY:
+            if SUPPLY in section.columns and quantity.quantity_of_unit(unit) is quantity.DUTY:
                 factor *= supply
         found[channel] = values / factor
     if SUPPLY in section.columns:
-        volts = VOLTAGE.parse(f"1 {section.unit_of(SUPPLY) or 'V'}")
+        volts = quantity.VOLTAGE.parse(f"1 {section.unit_of(SUPPLY) or 'V'}")
         found[SUPPLY] = np.full(len(data), supply / volts)
     return found if data.period is None else found | {"period": data.period}
 
@@ -324,7 +314,7 @@ def seconds_of(table: RawTable, section: DataSection) -> tuple[Array, float, lis
     """
     factor, kind, warnings = _factor("t", "t", table, section, ActuatorUnits(None))
     if kind is None and (unit := _epoch_unit(table)) != "s":
-        factor = DURATION.parse(f"1 {unit}")
+        factor = quantity.DURATION.parse(f"1 {unit}")
         warnings.append(
             f"{table.column_name('t')} begins with {table.origin:.0f}: read as {unit} "
             f"since 1970; data.units: {{t: {unit}}} states it"
@@ -349,19 +339,19 @@ def _epoch_unit(table: RawTable) -> str:
 
 
 def _refuse_unused_scales(
-    table: RawTable, section: DataSection, kinds: Collection[Quantity | None]
+    table: RawTable, section: DataSection, kinds: Collection[quantity.Quantity | None]
 ) -> None:
     """Refuse counts and force constants if no channel has the quantity that they are for."""
     for key, kind, channel, unit in (
-        ("force_constants", CURRENT, FORCE_CHANNELS[0], "{Q: A}"),
-        ("counts_per_metre", COUNT, LENGTH_CHANNELS[0], "{q: counts}"),
-        ("counts_per_revolution", COUNT, LENGTH_CHANNELS[0], "{q: counts}"),
+        ("force_constants", quantity.CURRENT, FORCE_CHANNELS[0], "{Q: A}"),
+        ("counts_per_metre", quantity.COUNT, LENGTH_CHANNELS[0], "{q: counts}"),
+        ("counts_per_revolution", quantity.COUNT, LENGTH_CHANNELS[0], "{q: counts}"),
     ):
         if getattr(section, key) is not None and kind not in kinds:
             message = f"data.{key} are given, but no channel is {kind.name}"
             allowed = f"data.units: {unit} if the file holds {kind.name.split()[1]}s"
             raise InputError(table.header_problem(message, channel, f"{allowed}, or no data.{key}"))
-    if SUPPLY in table.values and DUTY not in kinds:
+    if SUPPLY in table.values and quantity.DUTY not in kinds:
         message = "a supply voltage is given, but no channel is a duty cycle"
         allowed = f"data.units: {{Q: '%'}}, or no data.columns: {{{SUPPLY}: …}}"
         raise InputError(table.header_problem(message, SUPPLY, allowed))
@@ -420,7 +410,7 @@ def _names_in_file(section: DataSection) -> dict[str, str]:
 
 def _factor(
     channel: str, place: str, table: RawTable, section: DataSection, units: ActuatorUnits
-) -> tuple[float, Quantity | None, list[str]]:
+) -> tuple[float, quantity.Quantity | None, list[str]]:
     """Return the SI value and quantity of a column's unit (None without one), and warnings.
 
     `channel` is its name in the file, `place` its key in the table.
@@ -431,7 +421,7 @@ def _factor(
 
     unit, warnings = section.units.get(channel, section.units.get(channel[0])), list[str]()
     given = table.columns[place].unit if place in table.columns else None
-    if given is not None and (found := quantity_of_unit(given)) is None:
+    if given is not None and (found := quantity.quantity_of_unit(given)) is None:
         message = f"the file's unit {quote(given)} is not known"
         if unit is None:
             raise refused(message, f"a known unit, or data.units: {{{channel}: …}}")
@@ -441,11 +431,11 @@ def _factor(
         if found not in admitted:
             message = f"the file's unit {quote(given)} is that of {found.name}"
             raise refused(message, " or ".join(dimension.name for dimension in admitted))
-        if unit is not None and not same_unit(unit, given):
+        if unit is not None and not quantity.same_unit(unit, given):
             message = f"the file says that {channel} is in {quote(given)}, data.units says '{unit}'"
             raise refused(message, "the same unit, or none in data.units")
         unit = given
-    if unit is None or (kind := quantity_of_unit(unit)) is None:
+    if unit is None or (kind := quantity.quantity_of_unit(unit)) is None:
         return 1.0, None, warnings
     if channel in ("t", SUPPLY):
         return kind.parse(f"1 {unit}"), kind, warnings
@@ -580,7 +570,9 @@ class _Readings:
     def fitting_units(self, allowed: LengthRange) -> dict[str, NDArray[np.bool_]]:
         """Return for each unit which lengths fit if the file is in it."""
         return {
-            unit: allowed.fits(self.offsets + self.signs * self.in_file * LENGTH.parse(f"1 {unit}"))
+            unit: allowed.fits(
+                self.offsets + self.signs * self.in_file * quantity.LENGTH.parse(f"1 {unit}")
+            )
             for unit in _UNITS
         }
 
@@ -589,7 +581,7 @@ class _Readings:
         if not self.stated or any(map(np.all, self.fitting_units(allowed).values())):
             return ""
         lengths = {
-            unit: self.offsets * LENGTH.parse(f"1 {unit}") + self.signs * self.positions
+            unit: self.offsets * quantity.LENGTH.parse(f"1 {unit}") + self.signs * self.positions
             for unit in _ZERO_UNITS
         }
         fitting = (unit for unit, found in lengths.items() if np.all(allowed.fits(found)))

@@ -24,13 +24,8 @@ from pydantic import Field
 from scipy.optimize import brentq, minimize_scalar
 
 from constraints.arrays import Array
-from estimation.diagnostics import significance
+from estimation.diagnostics import joint_system, significance
 from estimation.diagnostics.finding import Assumption
-from estimation.diagnostics.joint_system import (
-    ConditionalScores,
-    EffectFit,
-    SolvedSystem,
-)
 from estimation.diagnostics.linearisation import Linearisation, Signature
 from estimation.diagnostics.whitened_rows import Places
 from expdesign.mechanism.hexapod import ACTUATORS
@@ -144,7 +139,7 @@ class HypothesisTest:
     hypothesis: Hypothesis
     first: int
     """Index of its first column in the projection."""
-    fits: tuple[EffectFit, ...]
+    fits: tuple[joint_system.EffectFit, ...]
     """Fit of each candidate alone; of rank 0 if it cannot be tested."""
     log_p: Array
     """(n,), log p of each candidate; NaN if it cannot be tested."""
@@ -175,7 +170,7 @@ class HypothesisTest:
 
 
 def evaluate_hypothesis(
-    conditional: ConditionalScores, hypothesis: Hypothesis, first: int
+    conditional: joint_system.ConditionalScores, hypothesis: Hypothesis, first: int
 ) -> HypothesisTest:
     """Test every candidate alone; the family's columns start at `first` in the projection."""
     numbers = range(hypothesis.candidates)
@@ -314,7 +309,7 @@ class PeriodicForce:
 
 
 def scan_pitches(
-    solved: SolvedSystem,
+    solved: joint_system.SolvedSystem,
     part: Linearisation,
     strut: int,
     step: float,
@@ -436,7 +431,7 @@ def _frequencies(length: Array, speed: Array, step: float) -> Array:
 
 
 def _pair_statistic(
-    solved: SolvedSystem, strut: int, length: Array
+    solved: joint_system.SolvedSystem, strut: int, length: Array
 ) -> Callable[[Array | float], Array]:
     """Return a function for χ² of sine and cosine of a strut's length, by their frequencies."""
     system = solved.system

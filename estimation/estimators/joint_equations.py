@@ -34,14 +34,8 @@ from constraints.arrays import Array
 from estimation.estimators.experiment import Experiment
 from estimation.estimators.priors import ParameterPriors
 from estimation.kinematics import add_time_spread, signs_along
-from estimation.measurement_model import HarmonicMotion, Motion
+from estimation.measurement_model import HarmonicMotion, Motion, prediction
 from estimation.measurement_model.motion import MotionColumns, NormalEquations, Rows, Samples
-from estimation.measurement_model.prediction import (
-    chunks,
-    force_kernel,
-    length_columns,
-    state_with_jerk,
-)
 from estimation.processing import NoiseEstimate
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.terms.actuator_forces import BACK_EMF
@@ -215,11 +209,11 @@ class PerturbedMachine:
             spread = add_time_spread(self.robot, sampled, spread, spread_of_delay)
         signs = signs_along(self.robot, sampled, spread)
         if not self.chosen:
-            kernel = force_kernel(self.robot.terms)
+            kernel = prediction.force_kernel(self.robot.terms)
             regressors, slope = kernel(sampled.state(), signs, self.robot.machine, values)
             nothing = regressors[:, :, :0]
             return MeasuredForces(regressors @ values, regressors, nothing, slope, sampled)
-        state = state_with_jerk(sampled)
+        state = prediction.state_with_jerk(sampled)
         found = deviation.deviating_forces(
             self.robot, state, sampled.times, signs, values, self.chosen, own_clock=own
         )
@@ -243,7 +237,7 @@ class PerturbedMachine:
         times = experiment.recording.lengths.times[part]
         own = experiment.recording.own_clock
         sampled = self._sample(motion, times, own_clock=own)
-        lengths, columns = length_columns(self.robot, sampled)
+        lengths, columns = prediction.length_columns(self.robot, sampled)
         if self.chosen:
             mixture, deviations = np.zeros_like(lengths), np.zeros((*lengths.shape, 1))
             for lag in self._lags("q"):
@@ -277,7 +271,7 @@ class PerturbedMachine:
             found = self.lengths(experiment, motion, part)
             return lengths.values[part] - found.values, found.columns, lengths.counts[part]
 
-        parts = chunks(experiment.recording.samples)
+        parts = prediction.chunks(experiment.recording.samples)
         return NormalEquations.of(map(rows, parts), noise.covariance, noise.filter)
 
     def follow_lengths(
@@ -317,7 +311,7 @@ class PerturbedMachine:
             found = self.forces(experiment, motion, values, part)
             return forces.values[part] - found.values, found.columns(free), counts[part]
 
-        parts = chunks(experiment.recording.samples)
+        parts = prediction.chunks(experiment.recording.samples)
         return NormalEquations.of(map(rows, parts), weights.covariance, weights.filter)
 
     @property

@@ -18,12 +18,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from constraints.arrays import Array, ComplexArray
+from estimation.measurement_model import spline
 from estimation.measurement_model.banded import BandedInverse, Matrix, dense
-from estimation.measurement_model.spline import (
-    MotionCovariance,
-    SplineMotion,
-    SplineSamples,
-)
 from estimation.processing.spectrum import WhiteningFilter
 from expdesign.information.fisher import ScaledInformation, whitening
 from expdesign.mechanism.hexapod import COORDINATES
@@ -97,7 +93,7 @@ class HarmonicMotion:
         """Return λ, (S, 6), at the times given, s."""
         return PhaseBasis.at(self.omega * times, self.harmonics).value @ self.table.T
 
-    def factor(self, covariance: MotionCovariance) -> Array:
+    def factor(self, covariance: spline.MotionCovariance) -> Array:
         """Return the root of Cov(ξ) that `MotionSamples.spread` takes, (x, x)."""
         return np.linalg.cholesky(np.asarray(covariance))
 
@@ -232,8 +228,8 @@ def of_table(waves: ComplexArray) -> Array:
     return np.concatenate([one, others.imag, others.real], axis=-1)
 
 
-Motion = HarmonicMotion | SplineMotion
-Samples = MotionSamples | SplineSamples
+Motion = HarmonicMotion | spline.SplineMotion
+Samples = MotionSamples | spline.SplineSamples
 
 
 @dataclass(frozen=True, eq=False)
