@@ -256,7 +256,7 @@ def test_a_subset_of_the_parameters(tiny, cheap_finish):
     result = expdesign.design(tiny(design={"parameters": wanted, "starts": 1, "max_iterations": 6}))
     assert result.parameter_names == ("p9", "p10", "r3", "v1")
     assert result.information.shape == (4, 4)
-    assert list(result.per_period.std) == list(result.parameter_names)
+    assert list(result.predicted_std.per_period.std) == list(result.parameter_names)
     information = information_of(result, 24)
     assert result.log_det_information == pytest.approx(log_det_of(information), abs=1e-8)
     assert_limits_kept(result)
