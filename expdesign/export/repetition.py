@@ -35,8 +35,9 @@ _AT_EDGE = 1e-7
 
 def shorten(settings: Settings) -> Settings:
     """Return settings whose motion has at most two periods."""
-    task = shorten_task(settings.task)
-    return settings if task is settings.task else replace(settings, task=task)
+    if settings.task.motion.periods <= PERIODS:
+        return settings
+    return replace(settings, task=shorten_task(settings.task))
 
 
 @lru_cache(maxsize=8)
