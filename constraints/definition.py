@@ -63,7 +63,7 @@ class LimitDefinition:
     """Values of `natural`, (N, k), → the rows that the user reads, (N, R), where no expression
     gives them: singular values. `smooth` is needed then. None: they are those of `natural`."""
     transform: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.positive
-    """Maps bounds on `natural` to bounds on `smooth`; strictly monotone up to `widest`."""
+    """Maps bounds on `natural` to bounds on `smooth`; strictly monotone."""
     decreasing: bool = False
     """True when `transform` is decreasing (tilt → cosine), so that the bounds swap."""
     conservative: bool = False

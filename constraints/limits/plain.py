@@ -17,7 +17,6 @@ LIMITS = (
         requires=("beta", "sin_beta"),
         smooth=lambda quantities: quantities["sin_beta"],
         transform=np.sin,
-        widest=math.pi / 2,
     ),
     LimitDefinition(
         key="position",

@@ -27,5 +27,4 @@ LIMIT = LimitDefinition(
     smooth=_cosines,
     transform=np.cos,
     decreasing=True,
-    widest=np.pi,
 )

@@ -22,5 +22,4 @@ LIMIT = LimitDefinition(
     smooth=lambda q: q["rotation_matrix"][2, 2],
     transform=np.cos,
     decreasing=True,
-    widest=np.pi,
 )

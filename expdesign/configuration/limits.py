@@ -178,6 +178,8 @@ def limits_as_written(
 
 # --- values of one limit --------------------------------------------------------------------------
 
+_PROBES = 65
+
 
 def _read_length(value: object) -> float:
     length = quantity_in("m").parse(value)
@@ -251,7 +253,11 @@ def _read_row(definition: LimitDefinition, value: object, where: str) -> Bounds:
     if bound < 0 or (bound == 0 and kind != "lower"):
         message = f"{where}the bound {_in_user_notation(value)} is not positive"
         raise refusal(message, _allowed(definition))
+    if kind == "upper" and definition.unit == "rad" and bound > np.pi:
+        message = f"{where}{quote(value)} is larger than any angle between directions"
+        raise refusal(message, "at most 180 deg")
     bounds = {"symmetric": (-bound, bound), "upper": (-np.inf, bound), "lower": (bound, np.inf)}
+    _require_monotone(definition, bounds[kind], where)
     return bounds[kind]
 
 
@@ -260,24 +266,38 @@ def _read_interval(definition: LimitDefinition, value: Sequence[object], where: 
     if low >= high:
         ends = f"min {_in_user_notation(value[0])} is not below max {_in_user_notation(value[1])}"
         raise refusal(where + ends, f"[min, max] in {definition.unit} with min < max")
+    _require_monotone(definition, (low, high), where)
     return low, high
 
 
 def _read_number(definition: LimitDefinition, value: object, where: str) -> float:
     try:
-        number = quantity_in(definition.unit).parse(value)
+        return quantity_in(definition.unit).parse(value)
     except PydanticCustomError as error:
         context = error.context or {}
         raise refusal(f"{where}{error.message()}", context["allowed"]) from None
-    if definition.widest is not None and abs(number) > definition.widest:
-        most = quantity_text(number, definition.unit)
-        message = f"{where}{definition.title} cannot go so far as {most}"
-        raise refusal(message, _allowed(definition))
-    return number
 
 
 def _in_user_notation(value: object) -> str:
     return quote(value.strip()).strip("'") if isinstance(value, str) else quote(value)
+
+
+def _require_monotone(definition: LimitDefinition, bounds: Bounds, where: str) -> None:
+    """Refuse bounds outside the monotone range of the limit's transform (β of 90°)."""
+    finite = [bound for bound in bounds if np.isfinite(bound)]
+    if definition.widest is not None and max(map(abs, finite)) > definition.widest:
+        most = quantity_text(max(map(abs, finite)), definition.unit)
+        message = f"{where}{definition.title} cannot go so far as {most}"
+        raise refusal(message, _allowed(definition))
+    probes = np.linspace(min(finite), max(finite), _PROBES if len(finite) == _ENDS else 1)
+    with np.errstate(all="ignore"):
+        steps = np.diff(definition.transform(probes))
+        usable = bool(np.all(np.isfinite(definition.transform(probes))))
+    if definition.decreasing:
+        steps = -steps
+    if not usable or np.any(steps <= 0):
+        message = f"{where}{definition.title} cannot be bounded so widely"
+        raise refusal(message, "bounds within the quantity's unique range")
 
 
 def _allowed(definition: LimitDefinition) -> str:

@@ -260,7 +260,7 @@ limits: {strut_speed: true} => limits.strut_speed => True is not a speed
 limits: {strut_speed: 2 m} => limits.strut_speed => is a length, not a speed
 limits: {strut_speed: [1, 2, 3, 4, 5, x]} => limits.strut_speed => strut 6: 'x' is not a speed
 limits: {tilt: [0, 1]} => limits.tilt => a list of 2 does not fit
-limits: {tilt: 200 deg} => limits.tilt => tilt of the platform cannot go so far as 200 deg
+limits: {tilt: 200 deg} => limits.tilt => larger than any angle between directions
 limits: {tilt: -0.1} => limits.tilt => not positive
 limits: {jacobian_condition: 10 m} => limits.jacobian_condition => is a length, not a number
 limits: {jacobian_condition: .inf} => limits.jacobian_condition => not a finite number
@@ -270,7 +270,7 @@ limits: {position: [-1, 1]} => limits.position => bounds no component
 limits: {position: {}} => limits.position => bounds no component
 limits: {position: {x: 1}} => limits.position => x: 1 is not a pair
 limits: {position: {x: [1, -1]}} => limits.position => x: min 1 is not below max -1
-limits: {beta: [-100 deg, 0 deg]} => limits.beta => cardan angle β cannot go so far as -100 deg
+limits: {beta: [-100 deg, 0 deg]} => limits.beta => cannot be bounded so widely
 limits: {characteristic_length: 0} => limits.characteristic_length => 0 is not positive
 limits: {characteristic_length: 1 s} => limits.characteristic_length => is a duration, not a
     length
