@@ -30,7 +30,7 @@ def declarations(
 
     Every instance that a module binds to a public name, or to one of `names`, counts, and every one
     in a tuple or list bound to it. Each is returned once, in alphabetical order of the modules,
-    those of the package first. Its name serves a caller on a lower floor of the architecture.
+    those of the package first. A caller on a lower floor of the architecture gives its name.
 
     Examples
     --------

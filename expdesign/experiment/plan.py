@@ -527,7 +527,10 @@ def _largest_factor(wish: _Wish, prediction: Prediction, sources: tuple[str, ...
         whole = changed.errors(prediction.longest())
         return max(wish.excess(changed.floor())[0] / _HALF, wish.excess(whole)[0])
 
-    return np.nan if excess(0.0) > 1 else float(bisect(lambda factor: excess(factor) - 1, 0.0, 1.0))
+    if excess(0.0) > 1:
+        return np.nan
+    # A σ that is not known excludes no factor.
+    return float(bisect(lambda one: excess(one) - 1, 0.0, 1.0)) if excess(1.0) > 1 else 1.0
 
 
 def _curves(goals: list[PlannedGoal], prediction: Prediction) -> Iterator[PrecisionPoint]:

@@ -419,9 +419,10 @@ def tolerance_effects(
     """Return the effects of the tolerances on the parameters of a motion and an evaluator.
 
     They are evaluated at the nominal parameters, with exact signs of friction, whose changes are
-    neglected; the response has weights for white noise. Without a `length_covariance`, Δ (6, 6),
-    m², all lengths have equal weights. For the `change` since an identification the evaluator's
-    names are those of the changed parameters.
+    neglected; the response has weights for white noise. `samples` are those of one period, and
+    `harmonics` those of the estimated motion, by default those of the motion. Without a
+    `length_covariance`, Δ (6, 6), m², all lengths have equal weights. For the `change` since an
+    identification the evaluator's names are those of the changed parameters.
     """
     robot, names, memory = evaluator.robot, evaluator.names, evaluator.memory
     chosen = deviation.toleranced_deviations(robot)

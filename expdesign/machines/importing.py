@@ -69,7 +69,8 @@ _Joints = Annotated[
     tuple[Annotated[tuple[_Coordinate, ...], exactly(3, "coordinates [x, y, z]")], ...],
     exactly(ACTUATORS, "joints"),
 ]
-_Angle = Annotated[HalfAngle, _plausible("0 rad", "2 rad", "deg", 1, None)]
+_Angle = Annotated[HalfAngle, _plausible("0 rad", "1e9 rad", "deg", 1, None)]
+"""`HalfAngle` states what is too large, and what to do."""
 _PAIRS: dict[str, PairedStruts] = {"base": "1-2", "platform": "2-3"}
 _ANSWERS = {
     "base_radius": "base_joints",

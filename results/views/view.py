@@ -102,8 +102,9 @@ class TableColumn:
     factor: float = 1
     """Numbers are shown times this factor, for a handier unit."""
     screen: bool = True
+    """Whether the terminal shows the column."""
     wide: bool = False
-    """Whether the terminal shows the column, and only a wide one."""
+    """Whether only a wide terminal shows it."""
     proof: bool = False
     """Whether it states what is proved, which holds only for unchanged files."""
 

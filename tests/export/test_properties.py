@@ -85,6 +85,23 @@ def test_any_other_text_is_refused(text, name, tmp_path_factory):
         table_formats()[name].read(path, made(name, 6, np.zeros(6)))
 
 
+@pytest.mark.parametrize("time", ["PVTx", "PVT0", "PVT1e9", "PVT3.99 Z:1:1", None])
+def test_a_wrong_time_of_a_pmac_program_is_named_by_its_line(time, tmp_path):
+    """None: the move before it is lost."""
+    path, settings, form = tmp_path / "table", made("pmac-pvt", 6, np.zeros(6)), "pmac-pvt"
+    rows = Rows(0.004 * np.arange(9), np.zeros((9, 6)), np.zeros((9, 6)))
+    table_formats()[form].write(path, rows, settings)
+    lines = path.read_text().splitlines()
+    line = [k for k, text in enumerate(lines) if text.startswith("PVT")][4]
+    if time is None:
+        del lines[line - 1]
+    else:
+        lines[line] = time
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(TableError, match=f"^line {line + (time is not None)}: "):
+        table_formats()[form].read(path, settings)
+
+
 @pytest.mark.parametrize(("kind", "degree"), [(k, 2 * n + 1) for n, k in enumerate(Interpolation)])
 @given(data=st.data())
 def test_polynomials_are_met(kind, degree, data):

@@ -146,7 +146,7 @@ def _code(path: Path, settings: Settings) -> Iterator[tuple[int, str]]:
     """
     known = _head(settings)[1:3]
     expected = [f"OPEN PROG {_PROGRAM} CLEAR", "ABS"]
-    ended, time = False, ""
+    ended, time, last, clock = False, "", "", _ticks(settings)
     for k, line in enumerate(lines(path), start=1):
         bare = line.partition(";")[0].strip()
         for own in known:
@@ -160,8 +160,12 @@ def _code(path: Path, settings: Settings) -> Iterator[tuple[int, str]]:
         ended = bare == "CLOSE"
         if bare.startswith("PVT") or ended:
             if time:
-                raise TableError(_NO_PROGRAM)
+                names = " ".join(settings.axes.names)
+                raise TableError(f"line {k}: not one word for each of {names}")
             time = bare.removesuffix("CLOSE")
+            if time and time != last:
+                _read_ticks(time, k, clock)
+                last = time
         elif not (bare == "ABS" or bare.startswith("OPEN")):
             yield k, f"{time} {bare}".lstrip()
             time = ""
@@ -172,6 +176,16 @@ def _code(path: Path, settings: Settings) -> Iterator[tuple[int, str]]:
 def _read_move(words: str, line: int, names: tuple[str, ...], clock: int) -> list[float]:
     """Return the ticks that the controller makes of a move's time, positions and velocities."""
     time, *moves = words.split()
+    ticks = _read_ticks(time, line, clock)
+    found = [match for word in moves if (match := _MOVE.fullmatch(word))]
+    if tuple(match[1] for match in found) != names or len(found) < len(moves):
+        raise TableError(f"line {line}: not one word for each of {' '.join(names)}")
+    position = [number(match[2], line, "position") for match in found]
+    return [ticks, *position, *(number(match[3], line, "velocity") for match in found)]
+
+
+def _read_ticks(time: str, line: int, clock: int) -> int:
+    """Return the ticks that the controller makes of the time of a line."""
     if not time.startswith("PVT"):
         raise TableError(f"line {line}: '{time[:40]}' is no PVT time")
     milliseconds = number(time.removeprefix("PVT"), line, "time")
@@ -180,11 +194,7 @@ def _read_move(words: str, line: int, names: tuple[str, ...], clock: int) -> lis
     ticks = math.floor(milliseconds * clock / 1000)
     if not (ticks > 0 and milliseconds <= longest):
         raise TableError(f"line {line}: {milliseconds:g} ms is not between 0 and {longest} ms")
-    found = [match for word in moves if (match := _MOVE.fullmatch(word))]
-    if tuple(match[1] for match in found) != names or len(found) < len(moves):
-        raise TableError(f"line {line}: not one word for each of {' '.join(names)}")
-    position = [number(match[2], line, "position") for match in found]
-    return [ticks, *position, *(number(match[3], line, "velocity") for match in found)]
+    return ticks
 
 
 _LETTERS = tuple("ABCUVWXYZ")
