@@ -13,6 +13,7 @@ from typing import Any
 from expdesign.cli.output import note, results, say, warn, write_json
 from expdesign.cli.terminal import Terminal, working
 from expdesign.configuration import InputError, RunConfiguration, load_run, quote
+from expdesign.configuration.consistency import identification_of
 from expdesign.runfolder.files import RUN_FILE
 from expdesign.runfolder.lock import one_writer
 from expdesign.stages.execution import (
@@ -100,9 +101,7 @@ def design_next(
     seed: int | None,
 ) -> None:
     """Design the motion after the estimates of run folders; compare it with the last one."""
-    from expdesign.configuration.consistency import identification_of
     from expdesign.experiment.next_motion import executed_designs, next_run
-    from expdesign.information.identifiable import listed
 
     places = [folder.absolute() for folder in folders]
     configuration = next_run(places, design).with_search(effort, seed)
@@ -116,7 +115,7 @@ def design_next(
         inputs = Sources(designs=tuple(executed or places)[-1:])
         terminal = Terminal(quiet=as_json)
         counted = [identification_of(one).run for one in configuration.run.design.priors]
-        terminal.note(f"earlier recordings that count: those of {listed(counted)}")
+        terminal.note(f"earlier recordings that count: those of {', '.join(counted)}")
         work = Workspace(configuration, folder, terminal, inputs, resume, stages=reported_stages())
         work.design()  # refused before the search if there is none
         work.warn(configuration.warnings_before(FIRST))
