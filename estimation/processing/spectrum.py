@@ -14,7 +14,7 @@ Identification*, 2012, chapter 9): every method for white noise is valid after t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -101,46 +101,56 @@ def smoothed_spectrum(
 def _candidates(lines: NoiseLines, covariance: Array) -> Iterator[SmoothedSpectrum]:
     """Yield spectra, white noise first, with Whittle's likelihood minus their parameters."""
     widest = lines.samples // 4 - 1
+    middle, widths = (
+        [w for w in some if w <= widest and lines.freedom * w >= _FEWEST_FREEDOM]
+        for some in ((min(_MIDDLE_WIDTH, widest),), _HALF_WIDTHS)
+    )
     for order in _ORDERS:
         filters = _prewhitening(lines, order)
         constant_size = _constant_size(lines, filters)
         flat = NoiseLines(_colour_test(lines.matrices, filters), lines.samples, lines.freedom)
         mean = flat.covariance if order else covariance
-        constant = mean.astype(np.complex128)
         everyone = np.ones(len(flat.matrices))
-        all_lines = everyone * lines.freedom * lines.samples / 2
-        reference, freedom = constant, all_lines
-        if _usable(lines, min(_MIDDLE_WIDTH, widest)):
-            reference, freedom = _neighbours(flat, min(_MIDDLE_WIDTH, widest), everyone)
+        constant = mean.astype(np.complex128), everyone * lines.freedom * lines.samples / 2
+        *_, (reference, freedom) = constant, *_neighbours(flat, middle, everyone)
         size = _own_size(flat, reference, freedom)
         standing_out = np.any(size != 1.0, axis=1)
-        for width in (None, *(w for w in _HALF_WIDTHS if w <= widest and _usable(lines, w))):
-            if width is None:
-                smooth, freedom = constant, all_lines
-            else:
-                smooth, freedom = _neighbours(flat, width, np.where(standing_out, 0.0, 1.0))
+        means = _neighbours(flat, widths, np.where(standing_out, 0.0, 1.0))
+        for width, (smooth, freedom) in zip((None, *widths), (constant, *means), strict=True):
             if not np.all(np.isfinite(smooth)):
                 continue
             own = size * np.sqrt(_diagonal(reference) / _diagonal(smooth))
             own = np.where(standing_out[:, None], own, 1.0)
             parameters = order * flat.matrices.shape[1]
             likelihood = _likelihood(flat, smooth, own, filters) - parameters
-            middle = float(np.median(freedom))
             sizes = smooth, own, standing_out, filters, constant_size
-            yield SmoothedSpectrum(*sizes, middle, order, width, likelihood)
-
-
-def _usable(lines: NoiseLines, width: int) -> bool:
-    return lines.freedom * width >= _FEWEST_FREEDOM
+            yield SmoothedSpectrum(*sizes, float(np.median(freedom)), order, width, likelihood)
 
 
 def _diagonal(matrices: ComplexArray) -> Array:
     return np.asarray(np.einsum("...ii->...i", matrices).real)
 
 
-def _ratio(lines: NoiseLines, spectrum: ComplexArray) -> Array:
-    """Return tr S⁻¹ C of every line, (L,), for a spectrum (L, 6, 6) or (6, 6)."""
-    return np.asarray(np.einsum("...ij,...ji->...", np.linalg.inv(spectrum), lines.matrices).real)
+def _ratio(lines: NoiseLines, spectrum: ComplexArray) -> tuple[Array, Array]:
+    """Return tr S⁻¹ C of every line, (L,), and log |det S|, for a spectrum (L, 6, 6) or (6, 6).
+
+    Gauss's elimination in [S | C] of all lines at once: LAPACK's calls for each line take longer.
+    """
+    left, right = (
+        np.array(np.moveaxis(np.broadcast_to(each, lines.matrices.shape), 0, -1), order="C")
+        for each in (spectrum, lines.matrices)
+    )
+    channels = range(len(left))
+    for k in channels:
+        factors = left[k + 1 :, k] / left[k, k].real
+        left[k + 1 :, k + 1 :] -= factors[:, None] * left[k, k + 1 :]
+        right[k + 1 :] -= factors[:, None] * right[k]
+    pivots = np.einsum("iil->il", left).real.copy()
+    for k in reversed(channels):
+        right[k] /= pivots[k]
+        right[:k] -= left[:k, k][:, None] * right[k]
+    # Rounding of a silent channel's zeros has either sign.
+    return np.einsum("iil->l", right).real, np.sum(np.log(np.abs(pivots)), axis=0)
 
 
 def _prewhitening(lines: NoiseLines, order: int) -> ComplexArray:
@@ -178,37 +188,37 @@ def _colour_test(matrices: ComplexArray, response: ComplexArray) -> ComplexArray
     return matrices * response[:, :, None] * response.conj()[:, None, :]
 
 
-def _neighbours(lines: NoiseLines, width: int, kept: Array) -> tuple[ComplexArray, Array]:
-    """Return the mean over ± width lines without the line itself, (L, 6, 6), and its freedom.
+def _neighbours(
+    lines: NoiseLines, widths: Sequence[int], kept: Array
+) -> Iterator[tuple[ComplexArray, Array]]:
+    """Yield means over ± width lines without the line itself, (L, 6, 6), and their freedom.
 
     Adjacent lines that share a contrast with it are left out, too. NaN without any kept line.
     """
-    samples, count = lines.samples, len(kept)
+    samples, count, most = lines.samples, len(kept), max(widths, default=0)
     own = np.arange(count)
-    apart = 2 if lines.adjacent_shared else 1
-
-    def around(values: ComplexArray) -> ComplexArray:
-        # Beyond zero and N/2 follow the conjugates of the same lines.
-        circle = np.concatenate([values, values[1 : samples - count + 1].conj()[::-1]])
-        padded = np.concatenate([circle[samples - width :], circle, circle[:width]])
-        sums = np.cumsum(np.concatenate([np.zeros_like(circle[:1]), padded]), axis=0)
-        total = (sums[2 * width + 1 :] - sums[: -2 * width - 1])[:count]
-        for offset in range(1 - apart, apart):
+    offsets = (-1, 0, 1) if lines.adjacent_shared else (0,)
+    # The weights of the lines are summed with them, in a last column.
+    values = np.column_stack([(lines.matrices * kept[:, None, None]).reshape(count, -1), kept])
+    # Beyond zero and N/2 follow the conjugates of the same lines.
+    circle = np.concatenate([values, values[1 : samples - count + 1].conj()[::-1]])
+    around = np.arange(-most, count + most)
+    sums = np.cumsum(np.concatenate([np.zeros_like(circle[:1]), circle[around % samples]]), axis=0)
+    near = [circle[(own + offset) % samples] for offset in offsets]
+    for width in widths:
+        total = sums[most + width + 1 :][:count] - sums[most - width :][:count]
+        for offset, excluded in zip(offsets, near, strict=True):
+            total -= excluded
             conjugate = -(own + offset) % samples
             distance = np.minimum((own - conjugate) % samples, (conjugate - own) % samples)
-            again = (distance >= apart) & (distance <= width)
-            shape = (count, *(1,) * (values.ndim - 1))
-            total = total - circle[(own + offset) % samples]
-            total = total - np.where(again.reshape(shape), circle[conjugate], 0)
-        return total
-
-    # Whole numbers except for the rounding of the sums.
-    weight = np.rint(around(kept.astype(np.complex128)).real)
-    total = around(lines.matrices * kept[:, None, None])
-    twice = np.maximum(width - own, 0) + np.maximum(own + width - samples // 2, 0)
-    distinct = np.maximum(weight - twice, 1.0)
-    share = np.where(weight > 0, 1 / np.maximum(weight, 1.0), np.nan)
-    return total * share[:, None, None], lines.freedom * distinct
+            again = np.flatnonzero((distance >= len(offsets) // 2 + 1) & (distance <= width))
+            total[again] -= circle[conjugate[again]]
+        # Whole numbers except for the rounding of the sums.
+        weight = np.rint(total[:, -1].real)
+        twice = np.maximum(width - own, 0) + np.maximum(own + width - samples // 2, 0)
+        share = np.where(weight > 0, 1 / np.maximum(weight, 1.0), np.nan)
+        means = (total[:, :-1] * share[:, None]).reshape(lines.matrices.shape)
+        yield means, lines.freedom * np.maximum(weight - twice, 1.0)
 
 
 def _own_size(lines: NoiseLines, spectrum: ComplexArray, freedom: Array) -> Array:
@@ -217,7 +227,7 @@ def _own_size(lines: NoiseLines, spectrum: ComplexArray, freedom: Array) -> Arra
     doubled = multiplicity(lines.samples) * lines.freedom
     level = _STANDING_OUT / count / 2
     each = _diagonal(lines.matrices) / _diagonal(spectrum)
-    whole = _ratio(lines, spectrum) / channels
+    whole = _ratio(lines, spectrum)[0] / channels
     # Of the F distribution, beyond the ratio.
     line_out = fdtrc(channels * doubled, 2 * freedom, whole) < level
     channel_out = fdtrc(doubled[:, None], 2 * freedom[:, None], each) < level / channels
@@ -234,10 +244,10 @@ def _likelihood(flat: NoiseLines, smooth: ComplexArray, own: Array, filters: Com
     original ones.
     """
     scaled = replace(flat, matrices=_colour_test(flat.matrices, 1 / own.astype(np.complex128)))
-    _, logarithm = np.linalg.slogdet(smooth)
+    ratio, logarithm = _ratio(scaled, smooth)
     logarithm = logarithm + 2 * np.sum(np.log(own / np.abs(filters)), axis=1)
     weight = multiplicity(flat.samples) / 2 * flat.freedom
-    return float(-np.sum(weight * (logarithm + _ratio(scaled, smooth))))
+    return float(-np.sum(weight * (logarithm + ratio)))
 
 
 def contrasts(periods: Array) -> Array:

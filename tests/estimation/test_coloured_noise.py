@@ -99,7 +99,7 @@ def test_neighbours_leave_the_line_itself_out(periods, samples):
     reach = 1 - periods % 2
     count, width = len(lines.matrices), 5
     kept = (rng.random(count) > 0.2).astype(float)
-    found, freedom = _neighbours(lines, width, kept)
+    found, freedom = next(_neighbours(lines, [width], kept))
     for line in range(count):
         inside = np.arange(line - width, line + width + 1) % samples
         # Beyond the middle stand the conjugates of the lines.
@@ -135,8 +135,8 @@ def test_what_a_line_weighs_does_not_depend_on_its_own_noise():
     changed = lines.matrices.copy()
     changed[40] *= 1.3
     kept = np.ones(len(changed))
-    before, _ = _neighbours(lines, 8, kept)
-    after, _ = _neighbours(replace(lines, matrices=changed), 8, kept)
+    before, _ = next(_neighbours(lines, [8], kept))
+    after, _ = next(_neighbours(replace(lines, matrices=changed), [8], kept))
     # Of ten periods, adjacent lines share a contrast.
     np.testing.assert_allclose(after[39:42], before[39:42])
     assert np.max(np.abs(after[42] / before[42] - 1)) > 1e-3
