@@ -289,7 +289,9 @@ def _require_monotone(definition: LimitDefinition, bounds: Bounds, where: str) -
         most = quantity_text(max(map(abs, finite)), definition.unit)
         message = f"{where}{definition.title} cannot go so far as {most}"
         raise refusal(message, _allowed(definition))
-    probes = np.linspace(min(finite), max(finite), _PROBES if len(finite) == _ENDS else 1)
+    # The values below an upper bound are not negative.
+    first = max(finite) / _PROBES if definition.kind == "upper" else min(finite)
+    probes = np.linspace(first, max(finite), _PROBES if first < max(finite) else 1)
     with np.errstate(all="ignore"):
         steps = np.diff(definition.transform(probes))
         usable = bool(np.all(np.isfinite(definition.transform(probes))))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from constraints import limit_definitions, limits
+from expdesign.configuration import InputError
 from expdesign.configuration.robot import load_robot_description
 from expdesign.motion.planning import STRUT_JERK
 from expdesign.robot import LimitModel, robot_from
@@ -73,6 +74,54 @@ def test_a_new_limit_works_from_the_robot_file_to_the_check(add_file, tmp_path):
     values = LimitModel(robot, (limit,)).values(states)
     motion = robot.strut_motion(states[:, :6], states[:, 6:12], states[:, 12:])
     np.testing.assert_allclose(values, motion.beta_rate, rtol=1e-12)
+
+
+FOLDED = """\
+import numpy as np
+from constraints.definition import LimitDefinition
+
+LIMIT = LimitDefinition(
+    key="folded",
+    title="folded β",
+    unit="rad",
+    kind="KIND",
+    per_actuator=True,
+    requires=("beta_rate",),
+    natural=lambda q: q["beta_rate"],
+    transform=TRANSFORM,
+)
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "transform", "bounds", "is_unique"),
+    [
+        ("interval", "np.sin", "[-80 deg, 20 deg]", True),
+        ("interval", "np.sin", "[-100 deg, 20 deg]", False),
+        ("symmetric", "np.tan", "80 deg", True),
+        ("symmetric", "np.tan", "100 deg", False),
+        ("upper", "lambda x: np.sin(x) ** 2", "80 deg", True),
+        ("upper", "lambda x: np.sin(x) ** 2", "100 deg", False),
+        ("upper", "lambda x: np.sin(x) ** 2", "200 deg", False),
+        ("lower", "np.log", "10 deg", True),
+        ("upper", "np.log", "10 deg", True),
+        ("symmetric", "np.log", "10 deg", False),
+    ],
+)
+def test_a_bound_beyond_the_unique_range_of_a_new_limit_is_refused(
+    add_file, tmp_path, kind, transform, bounds, is_unique
+):
+    add_file("zz_folded", FOLDED.replace("KIND", kind).replace("TRANSFORM", transform))
+    source = load_robot_description("palida").source.read_text(encoding="utf-8")
+    file = tmp_path / "mine.yaml"
+    file.write_text(f"{source}  folded: {bounds}\n", encoding="utf-8")
+    if is_unique:
+        assert "folded" in load_robot_description(file).limits
+    else:
+        with pytest.raises(InputError) as refused:
+            load_robot_description(file)
+        (problem,) = refused.value.problems
+        assert (problem.file, problem.key) == (file, "limits.folded")
 
 
 def test_a_file_without_a_limit_adds_none(add_file):
