@@ -1,5 +1,6 @@
 """Extensions from outside, one file each: limit, criterion, term, two formats, a stage."""
 
+import contextlib
 import json
 import os
 import shutil
@@ -152,9 +153,25 @@ MODULES = {
 }
 
 
+SHELL = """
+import contextlib, io, json, sys
+
+from expdesign.cli.app import app, run
+from tests.blank_figures import blank_figures
+
+with blank_figures():
+    for line in sys.stdin:
+        said = io.StringIO()
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            status = run(app, json.loads(line))
+        print(json.dumps([status, said.getvalue()]), flush=True)
+"""
+"""Executes command lines, and draws no figures: they are not of extensions."""
+
+
 @pytest.fixture
-def expdesign(tmp_path):
-    """Install the plug-in, and return a function that executes commands with it."""
+def environment(tmp_path):
+    """Install the plug-in, and return the environment of processes that have it."""
     about = tmp_path / "lab-1.0.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: lab\nVersion: 1.0\n")
@@ -162,28 +179,39 @@ def expdesign(tmp_path):
     (about / "entry_points.txt").write_text("\n".join(lines) + "\n")
     for name, text in MODULES.items():
         (tmp_path / f"{name}.py").write_text(textwrap.dedent(text), encoding="utf-8")
-    paths = f"{ROOT}{os.pathsep}{tmp_path}"
-    environment = os.environ | {"PYTHONPATH": paths, "COLUMNS": "200"}
+    return os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}", "COLUMNS": "200"}
 
-    def execute(*arguments, module="expdesign"):
-        line = [sys.executable, "-m", module, *map(str, arguments)]
-        done = subprocess.run(
-            line,
-            cwd=tmp_path,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=280,
-        )
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout + done.stderr
 
-    return execute
+@pytest.fixture
+def process(environment, tmp_path):
+    """Return a way to start a process with the plug-in, a function that executes commands."""
+    with contextlib.ExitStack() as started:
+
+        def start():
+            shell = subprocess.Popen(
+                [sys.executable, "-c", SHELL],
+                cwd=tmp_path,
+                env=environment,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+            started.enter_context(shell)
+            started.callback(shell.kill)
+
+            def execute(*arguments):
+                print(json.dumps(arguments), file=shell.stdin, flush=True)
+                status, said = json.loads(shell.stdout.readline())
+                assert status == 0, said
+                return said
+
+            return execute
+
+        yield start
 
 
 @pytest.mark.slow
-def test_extensions_are_found_without_another_edit(expdesign, tmp_path):
+def test_extensions_are_found_without_another_edit(process, environment, tmp_path):
     yaml = YAML(typ="safe")
     robot = yaml.load(robot_files()["palida"])
     robot["terms"] = ["rigid_platform", "struts", "passive_friction", "actuator_friction"]
@@ -200,6 +228,7 @@ def test_extensions_are_found_without_another_edit(expdesign, tmp_path):
         report={"figures": ["svg"]},
     )
     yaml.dump(run, tmp_path / "run.yaml")
+    expdesign = process()
     checked = expdesign("check", "run.yaml")
     assert all(word in checked for word in ("sway", "square", "fifth_friction", "lab", "count"))
     listed = expdesign("export", "--format", "list")
@@ -216,6 +245,7 @@ def test_extensions_are_found_without_another_edit(expdesign, tmp_path):
     assert "root of the trace of F" in page
     assert 'id="count"' in page
     assert 'id="table-counts"' in page
+    expdesign = process()
     assert "count: done already" in expdesign("run", "run.yaml", "--out", "made")
     robot_parameters = len(design["parameters"])
     assert json.loads((folder / "count.json").read_text())["count"] == 2 * robot_parameters
@@ -243,5 +273,6 @@ def test_extensions_are_found_without_another_edit(expdesign, tmp_path):
 
     manual = tmp_path / "manual.md"
     manual.write_text("<!-- count.json -->\n<!-- end -->\n", encoding="utf-8")
-    expdesign(manual, module="expdesign.runfolder.documentation")
+    line = [sys.executable, "-m", "expdesign.runfolder.documentation", manual]
+    subprocess.run(line, cwd=tmp_path, env=environment, check=True)
     assert "counted parameters, times the factor" in manual.read_text(encoding="utf-8")
