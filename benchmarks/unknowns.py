@@ -38,6 +38,7 @@ from tests.unknowns.simulator import (
     Machine,
     Motion,
     NoPoseError,
+    changed_parameters,
     deviate,
     draw_noise,
     follow_lengths,
@@ -214,7 +215,7 @@ def outcome_of(recording: Recording, effect: str, size: float, number: int) -> O
     data = _record(recording, truth, effects, np.random.default_rng([2, number]))
     began = time.process_time()
     result = estimate(run_of(recording), data, read_design(recording.design))
-    return _judge(result, truth.parameters, time.process_time() - began)
+    return _judge(result, changed_parameters(truth, effects), time.process_time() - began)
 
 
 def _judge(result: EstimationResult, truth: Mapping[str, float], seconds: float) -> Outcome:

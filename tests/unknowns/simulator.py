@@ -482,6 +482,16 @@ class Sensors:
     """Time by which the forces lag behind the lengths [s]."""
 
 
+def changed_parameters(machine, effects):
+    """Return the parameters of a machine with effects, of which some are another platform."""
+    parameters = dict(machine.parameters)
+    for effect in set(effects) & set(_PLATFORM):
+        unit = parameters["p10"] if effect == "off_centre" else 1.0
+        for name, share in _PLATFORM[effect].items():
+            parameters[name] = parameters.get(name, 0.0) + share * unit * effects[effect]
+    return parameters
+
+
 def simulate(machine, motion, times, effects=None, *, sensors=None, rng=None):
     """Return lengths and forces without noise, (T, 6) each, of a machine with effects.
 
@@ -492,12 +502,7 @@ def simulate(machine, motion, times, effects=None, *, sensors=None, rng=None):
     effects, sensors = effects or {}, Sensors() if sensors is None else sensors
     if unknown := set(effects) - set(EFFECTS):
         raise ValueError(f"unknown effects {unknown}")
-    parameters = dict(machine.parameters)
-    for effect in set(effects) & set(_PLATFORM):
-        unit = parameters["p10"] if effect == "off_centre" else 1.0
-        for name, share in _PLATFORM[effect].items():
-            parameters[name] = parameters.get(name, 0.0) + share * unit * effects[effect]
-    machine = replace(machine, parameters=parameters)
+    machine = replace(machine, parameters=changed_parameters(machine, effects))
     loads = [(load, effects[effect]) for effect, load in _LOADS.items() if effect in effects]
     if "clock_jitter" in effects:
         times = times + effects["clock_jitter"] * rng.standard_normal(len(times))

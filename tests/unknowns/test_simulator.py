@@ -12,7 +12,15 @@ from expdesign.configuration import load_run
 from expdesign.recheck.followed_lengths import FollowedLengths
 from expdesign.robot import load_robot, robot_from
 from expdesign.trajectory import TrajectoryFile
-from tests.unknowns.simulator import EFFECTS, Machine, Motion, Sensors, follow_lengths, simulate
+from tests.unknowns.simulator import (
+    EFFECTS,
+    Machine,
+    Motion,
+    Sensors,
+    changed_parameters,
+    follow_lengths,
+    simulate,
+)
 
 ROOT = Path(__file__).parents[2]
 FILES = {
@@ -144,3 +152,13 @@ def test_stated_sizes():
     *_, (off_zero, amplified) = recorded("palida", sensors=sensors)
     np.testing.assert_allclose(off_zero - lengths, 1e-4, atol=1e-12)
     np.testing.assert_allclose(amplified, 1.01 * before, rtol=1e-12)
+
+
+def test_another_platform_has_other_parameters():
+    """Of a model with these parameters they are the truth."""
+    machine = Machine.read(FILES["irregular"])
+    changed = changed_parameters(machine, {"off_centre": 1e-3, "drive_inertia": 0.1})
+    moved = {name for name, value in changed.items() if value != machine.parameters[name]}
+    assert moved == {"sx", "sy"}
+    mass = machine.parameters["p10"]
+    assert changed["sx"] - machine.parameters["sx"] == pytest.approx(0.8e-3 * mass)
