@@ -87,15 +87,24 @@ def list_hypotheses(
 
 def _mention_tolerances(family: Family, stated: Collection[str]) -> Family:
     """Return a family whose texts count a tolerance that is stated already."""
-    exceeded = [f"`tolerances.{group}`" for group in family.tolerances if group in stated]
-    if not exceeded:
+    of_term = f"terms.{family.kind}"
+    groups = [group for group in (*family.tolerances, of_term) if group in stated]
+    if not groups:
         return family
-    advice = f"it exceeds the stated {join_words(exceeded)}: measure it, or state a larger one"
+    exceeded = join_words(f"`tolerances.{group}`" for group in groups)
     # What is within the tolerance belongs to the model, estimated or counted.
-    text = f"{family.assumption.text}, within the stated {join_words(exceeded)}"
+    if of_term in stated:
+        text = f"{family.assumption.text} beyond the stated {exceeded}"
+        action = f"state a larger one, or {family.assumption.advice}"
+    else:
+        text = f"{family.assumption.text}, within the stated {exceeded}"
+        action = "measure it, or state a larger one"
     absent = family.absent.replace(family.assumption.text, text, 1)
+    advice = f"it exceeds the stated {exceeded}: {action}"
     assumption = replace(family.assumption, text=text, advice=advice)
-    return replace(family, assumption=assumption, absent=absent)
+    # Its secants begin at the estimated delay.
+    noun = family.noun.replace("a delay", "a further delay")
+    return replace(family, assumption=assumption, absent=absent, noun=noun)
 
 
 def parameter_hypothesis(

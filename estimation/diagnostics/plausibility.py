@@ -5,7 +5,7 @@ A common factor of all inertial parameters indicates another unit, or the wrong 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
@@ -20,6 +20,8 @@ from estimation.estimators.priors import ParameterPriors
 from estimation.estimators.result import ParameterEstimate
 from expdesign.configuration.quantity import FORCE
 from expdesign.mechanism.term import Lump, Parameter, parameters_of
+from expdesign.mechanism.terms import DEFAULT
+from expdesign.mechanism.terms.actuator_forces import DRIVE_INERTIA
 from expdesign.mechanism.terms.rigid_platform import MASS
 from expdesign.robot import Robot
 
@@ -139,7 +141,26 @@ def plausibility(robot: Robot, priors: ParameterPriors, estimate: ParameterEstim
     more = f"{others} more" if others > 0 else ""
     sentences = [doubt.sentence for doubt in shown] + [f"and {more}"] * bool(more)
     where = join_words([*(doubt.where for doubt in shown), more])
-    return _PLAUSIBLE.fails("; ".join(sentences), smallest, _LEVEL, where)
+    advice = _advise_on_terms(robot, {doubt.where for doubt in doubts})
+    return _PLAUSIBLE.fails("; ".join(sentences), smallest, _LEVEL, where, advice)
+
+
+def _advise_on_terms(robot: Robot, implausible: Collection[str]) -> str:
+    """Return advice if all implausible parameters are those of terms that a user added."""
+    added = [
+        term for term in robot.terms if term.name not in DEFAULT and term.name != DRIVE_INERTIA.name
+    ]
+    if not set(implausible) <= {parameter.name for parameter in parameters_of(tuple(added))}:
+        return ""
+    terms = join_words(
+        f"`{term.name}`"
+        for term in added
+        if any(parameter.name in implausible for parameter in term.parameters)
+    )
+    return (
+        f"remove {terms} from the robot's `terms`: with impossible parameters it imitates another "
+        "effect. Look for its cause in the residuals"
+    )
 
 
 def _check_parameters(

@@ -135,7 +135,12 @@ def _exceeding(scores: ConditionalScores) -> list[int]:
     return sorted(named, key=lambda k: -size[k])
 
 
-_SHOWN = {"1": (100.0, "%"), "m": (1e3, "mm"), "s": (1e3, "ms")}
+_SHOWN = {
+    "1": (100.0, "%"),
+    "m": (1e3, "mm"),
+    "s": (1e3, "ms"),
+    "rad": (np.rad2deg(1.0), "deg"),
+}
 """Factor and unit in which deviations are displayed."""
 
 
@@ -151,9 +156,11 @@ def _describe(one: EstimatedDeviation, z: float) -> str:
 
 def _delay_advice(far: Sequence[EstimatedDeviation]) -> str:
     """Return advice for a delay beyond its tolerance; empty if there is none."""
-    late = [one.value for one in far if one.group == "delay"]
+    late = [one for one in far if one.group == "delay"]
     if not late:
         return ""
-    channel = "forces" if late[0] > 0 else "lengths"
-    stated = f"`data.delay: {{{channel}: {1e3 * abs(late[0]):.3g} ms}}`"
+    # Without the prior, which draws the estimate towards zero.
+    size = late[0].value / (1 - (late[0].std / late[0].tolerance) ** 2)
+    channel = "forces" if size > 0 else "lengths"
+    stated = f"`data.delay: {{{channel}: {1e3 * abs(size):.3g} ms}}`"
     return f"{stated}, in addition to one that is stated; or {_WITHIN.advice}"

@@ -304,16 +304,36 @@ def test_a_delay_within_its_tolerance_is_not_called_absent(suspects):
     """An estimated delay is part of the model: only a further one can be absent."""
     text = "forces and lengths are sampled at the same time"
     run = load_run({"name": "n", "robot": "palida", "tolerances": {"delay": 1e-3}})
-    for robot, known in (
-        (suspects.robot, text),
-        (robot_from(run.robot), f"{text}, within the stated `tolerances.delay`"),
+    for robot, known, noun in (
+        (suspects.robot, text, "a delay of the forces"),
+        (
+            robot_from(run.robot),
+            f"{text}, within the stated `tolerances.delay`",
+            "a further delay of the forces",
+        ),
     ):
         effects = replace(suspects, robot=robot)
         families = list_hypotheses(effects, robot.parameter_names, held_out=False)
         (delay,) = (each for each in families if each.kind == "delay")
-        assert delay.assumption.text == known
+        assert (delay.assumption.text, delay.noun) == (known, noun)
         sentence = delay.absent.format(p=1.0, value=0.1, std=0.2)
         assert sentence == f"{known} (a further delay of 0.1 ± 0.2 ms)"
+
+
+def test_a_term_beyond_its_tolerance_is_told_from_one_without(suspects):
+    given = {"name": "n", "robot": "palida", "tolerances": {"terms": {"load_friction": 0.01}}}
+    effects = replace(suspects, robot=robot_from(load_run(given).robot))
+    families = list_hypotheses(effects, effects.robot.parameter_names, held_out=False)
+    found = {each.kind: each for each in families}
+    stated = found["load_friction"]
+    text = "no unmodelled friction by load beyond the stated `tolerances.terms.load_friction`"
+    assert stated.assumption.text == text
+    assert stated.absent.format(p=1.0) == f"{text} (p = 1)"
+    assert stated.assumption.advice == (
+        "it exceeds the stated `tolerances.terms.load_friction`: state a larger one, or add "
+        "`load_friction` to the robot's `terms`: it becomes a parameter of the estimate"
+    )
+    assert "stated" not in found["stribeck"].assumption.text
 
 
 def _moved_joint(lab, size):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 
 from estimation.diagnostics.finding import FindingOutcome, Status
 from estimation.diagnostics.plausibility import plausibility
@@ -12,6 +13,7 @@ from estimation.diagnostics.verdict import verdict
 from estimation.estimators import ParameterPriors
 from expdesign.configuration.estimate import EstimateSection
 from expdesign.library import robot_files
+from expdesign.mechanism.terms import DEFAULT
 from expdesign.robot import load_robot
 from tests.diagnostics.conftest import Laboratory
 from tests.estimation.cases import made_up
@@ -187,3 +189,19 @@ def test_the_level_of_bodies_together():
         for _ in range(runs)
     )
     assert failed <= 4  # 0.4 expected at most: 5 in one of 10 000 such tests
+
+
+@pytest.mark.parametrize(("wrong", "removed"), [("mu3", True), ("p10", False)])
+def test_an_added_term_with_impossible_parameters_is_to_be_removed(wrong, removed, tmp_path):
+    about = yaml.safe_load(robot_files()["palida"].read_text())
+    file = tmp_path / "robot.yaml"
+    file.write_text(yaml.safe_dump({**about, "terms": [*DEFAULT, "load_friction"]}))
+    robot = load_robot(file)
+    values = robot.parameters.copy()
+    for name in {"mu3", wrong}:
+        values[robot.parameter_names.index(name)] = -1.0
+    finding = judged(robot, values, np.full(len(values), 1e-3))
+    assert finding.failed
+    assert wrong in finding.contradiction
+    advice = "remove `load_friction` from the robot's `terms`"
+    assert finding.advice.startswith(advice) is removed

@@ -528,7 +528,11 @@ def test_one_deviation_far_beyond_its_tolerance_is_named(joint):
     assert finding.contradiction == "a deviation of the machine exceeds its tolerance (delay)"
     late = f"{1e3 * values[names.index('delay')]:.3g} ms"
     assert f"delay +{late.removesuffix(' ms')} ±" in finding.sentence
-    assert f"`data.delay: {{forces: {late}}}`" in finding.advice
+    # The advice is the delay that the data alone show, without the prior.
+    delay = joint.systematic.deviations[names.index("delay")]
+    information = 1 / delay.std**2 - 1 / delay.tolerance**2
+    free = values[names.index("delay")] / delay.std**2 / information
+    assert f"`data.delay: {{forces: {1e3 * free:.3g} ms}}`" in finding.advice
     assert "z = +5.0" in finding.sentence
     (finding,) = tolerance_findings(_with_theta(joint, 0.4 * values))
     assert not finding.failed
@@ -560,6 +564,14 @@ def test_a_machine_far_beyond_a_tolerance_is_found(chosen):
     (finding,) = tolerance_findings(found["ml"])
     assert finding.failed
     assert "base_joint_2_z" in finding.contradiction
+
+
+def test_a_tilt_of_gravity_is_named_in_degrees(joint):
+    names = [one.name for one in joint.systematic.deviations]
+    tilt = np.where(np.array(names) == "gravity_1", np.deg2rad(4.0), 0.0)
+    (finding,) = tolerance_findings(_with_theta(joint, tilt))
+    assert "gravity_1 +4 ± " in finding.sentence
+    assert " deg, tolerance 0.5 deg" in finding.sentence
 
 
 def test_many_deviations_together_contradict_the_tolerances(joint):
