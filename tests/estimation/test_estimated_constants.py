@@ -22,7 +22,7 @@ from tests.estimation.constants import MOTION, PITCH, QUIET, STEP, VELOCITY
 
 
 @pytest.mark.slow
-def test_both_estimators_find_them_with_the_spread_they_state():
+def test_both_estimators_find_them_with_the_spread_they_state(known_channels):
     true, runs = np.array([PITCH, VELOCITY]), 8
     off, parameters = {"gm": [], "ml": []}, []
     for seed in range(runs):

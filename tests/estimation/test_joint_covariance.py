@@ -38,7 +38,7 @@ def written(tmp_path_factory):
     return result, folder
 
 
-def test_constants_by_maximum_likelihood_scatter_as_stated_where_noise_remembers():
+def test_constants_by_maximum_likelihood_scatter_as_stated_where_noise_remembers(known_channels):
     """By noise that changes its sign from sample to sample, a quarter as much and less."""
     memory, runs, own = -0.95, 8, case.machine().description.noise
     exact, found = case.data(scale=0.0), {}

@@ -188,7 +188,7 @@ def test_shares_add_up_and_the_common_gain_scales_all_forces(chosen):
         pytest.param(200, marks=[pytest.mark.slow, pytest.mark.full]),
     ],
 )
-def test_intervals_cover_truths_drawn_from_the_tolerances(chosen, runs):
+def test_intervals_cover_truths_drawn_from_the_tolerances(chosen, runs, known_channels):
     std = np.array([each.tolerance for each in chosen])
     scale = 0.3
     inside, random_alone, theta_off = {}, [], []
@@ -354,7 +354,7 @@ def test_a_design_predicts_the_harmonics_that_tolerances_add():
 
 
 @pytest.mark.parametrize("runs", [2, pytest.param(30, marks=pytest.mark.slow)])
-def test_machines_that_follow_lengths_of_the_drawing(runs):
+def test_machines_that_follow_lengths_of_the_drawing(runs, known_channels):
     """Five harmonics in the lengths, more in the motion: joints do not pass for exact.
 
     With five harmonics in the estimate the mean of χ² over its freedom was 140 to 290.
@@ -417,7 +417,9 @@ def _estimate_irregular(number):
 
 
 @pytest.mark.parametrize("runs", [4, pytest.param(40, marks=pytest.mark.slow)])
-def test_noise_of_harmonics_that_tolerances_may_raise_does_not_bias_gauss_markov(runs):
+def test_noise_of_harmonics_that_tolerances_may_raise_does_not_bias_gauss_markov(
+    runs, known_channels
+):
     """40 harmonics for ML: with all of them GM covered 62 % of the truths."""
     truth, inside = robot_from(_irregular()[0].robot).parameters, []
     for number in range(runs):
@@ -626,7 +628,7 @@ def test_forces_of_lacking_terms_are_removed_from_single_periods_too():
         pytest.param(200, marks=[pytest.mark.slow, pytest.mark.full]),
     ],
 )
-def test_terms_that_the_model_lacks_are_counted_and_estimated(runs):
+def test_terms_that_the_model_lacks_are_counted_and_estimated(runs, known_channels):
     scale = 0.3
     sections = {"tolerances": TERMS, "noise": _quiet(scale)}
     config = run({**GIVEN, "systematic": "auto", "estimators": ["gm", "ml"]}, **sections)

@@ -182,7 +182,7 @@ def test_a_study_of_voltages_has_its_bound():
 
 
 @pytest.mark.slow
-def test_intervals_of_estimates_from_duty_cycles_cover():
+def test_intervals_of_estimates_from_duty_cycles_cover(known_channels):
     """Machines drawn from the tolerances of their motors."""
     shares = {key: {"common": "2 %", "each": "1 %"} for key in MOTOR_EFFECTS}
     motor, data = MOTOR | {"supply": "48 V"}, {"units": {"Q": "%"}}
