@@ -65,8 +65,15 @@ def pytest_collection_modifyitems(items):
     items.sort(key=place)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection():
+    """Collect no garbage while modules are imported: nearly all of it stays."""
+    gc.disable()
+
+
 def pytest_collection_finish():
     """Leave modules and collected tests out of the garbage collections, which are fewer then."""
+    gc.enable()
     gc.freeze()
     gc.set_threshold(20_000, 20, 100)
 
