@@ -108,7 +108,7 @@ def _candidates(lines: NoiseLines, covariance: Array) -> Iterator[SmoothedSpectr
     for order in _ORDERS:
         filters = _prewhitening(lines, order)
         constant_size = _constant_size(lines, filters)
-        flat = NoiseLines(_colour_test(lines.matrices, filters), lines.samples, lines.freedom)
+        flat = replace(lines, matrices=_colour_test(lines.matrices, filters))
         mean = flat.covariance if order else covariance
         everyone = np.ones(len(flat.matrices))
         constant = mean.astype(np.complex128), everyone * lines.freedom * lines.samples / 2

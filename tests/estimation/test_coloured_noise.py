@@ -142,6 +142,24 @@ def test_what_a_line_weighs_does_not_depend_on_its_own_noise():
     assert np.max(np.abs(after[42] / before[42] - 1)) > 1e-3
 
 
+def test_a_smoothed_spectrum_does_not_depend_on_correlations_at_its_own_line():
+    """Variances count through the autoregressive models, which are of the channels."""
+    spectrum = np.fft.rfft(np.random.default_rng(0).standard_normal((3000, 6)), axis=0)
+    line = np.arange(len(spectrum))[:, None] / 10
+    spectrum *= np.where(np.abs(line - 60) < 25, 3.0, 1.0)
+    spectrum *= np.where(np.abs(line - 120) < 10, 0.3, 1.0)
+    lines = NoiseLines.of(np.fft.irfft(spectrum, 3000, axis=0).reshape(10, 300, 6))
+    changed = lines.matrices.copy()
+    changed[50] *= np.where(np.eye(6), 1.0, 1.2)
+    before, after = (
+        smoothed_spectrum(each, lines.covariance).smooth
+        for each in (lines, replace(lines, matrices=changed))
+    )
+    # Of ten periods, adjacent lines share a contrast.
+    np.testing.assert_allclose(after[49:52], before[49:52], rtol=1e-9)
+    assert np.max(np.abs(after[[48, 52]] / before[[48, 52]] - 1)) > 1e-3
+
+
 def test_a_hum_keeps_its_own_line():
     samples, rng = 400, np.random.default_rng(4)
     periods = coloured(rng, np.eye(6), 10, samples, 0.0)
