@@ -45,6 +45,8 @@ _REACHED = 1e-6
 """m. Last Newton step: the error after it is of the order of its square over a metre."""
 _LARGEST_STEP = 0.3
 """Largest step of a pose, in units of the characteristic length."""
+_REGULAR = 0.2
+"""Least determinant of the Jacobian of a regular pose, relative to that at home."""
 _SHORTEST, _LONGEST = 0.5, 2.0
 """Possible lengths of a strut, relative to that at home."""
 _MOST_STRUTS = 4
@@ -192,6 +194,17 @@ class ChannelModel:
         if lengths not in self._motions:
             self._motions[lengths] = self._solve_motion(lengths, None, None)
         return self._motions[lengths]
+
+    def regular_motion(self, lengths: Wiring) -> Motion | None:
+        """Return the motion with the readings if it is far from singular poses, otherwise None.
+
+        Poses of wrong zeros may be on the other side of a singular one: those of other zeros are
+        then found from home.
+        """
+        motion = self.motion(lengths)
+        poses = np.vstack([self.robot.home, motion.at(self._measured.times).pose()])
+        volumes = np.linalg.det(self.robot.lengths_and_jacobian(poses)[1])
+        return motion if np.all(volumes / volumes[0] > _REGULAR) else None
 
     def _solve_motion(self, lengths: Wiring, near: Motion | None, lag: ChannelLag | None) -> Motion:
         wanted = lengths.apply(self.readings) + self.zeros

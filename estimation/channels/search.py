@@ -271,9 +271,10 @@ class ChannelSearch:
     def _at_zero(self, present: Candidate, strut: int, most: float) -> Candidate:
         """Return the wiring with the zero of one length that explains most."""
 
+        near = self.model.regular_motion(present.lengths)
+
         def excess(offset: float) -> float:
-            # From home: poses of wrong zeros may be on the other side of a singular one.
-            motion = self.model.motion(present.lengths.shift(strut, offset))
+            motion = self.model.motion(present.lengths.shift(strut, offset), near)
             return self.model.fit(motion, present.delay, present.low_pass or 0.0).excess(
                 present.forces
             )
