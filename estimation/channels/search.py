@@ -270,7 +270,6 @@ class ChannelSearch:
 
     def _at_zero(self, present: Candidate, strut: int, most: float) -> Candidate:
         """Return the wiring with the zero of one length that explains most."""
-
         near = self.model.regular_motion(present.lengths)
 
         def excess(offset: float) -> float:
