@@ -39,7 +39,8 @@ _OfNoise = NoiseTests | RecordingTests
 _EXPLAINED = Assumption(
     "the model explains the forces",
     "the model does not explain the forces",
-    "look at the residuals over the state of the struts for unmodelled effects",
+    "look for unmodelled effects in the residuals over the state of the struts "
+    "(`tables/residual_dependence.csv`, a figure of the report)",
 )
 _UNLISTED = replace(
     _EXPLAINED, contradiction="something that is not in the list acts on the forces"
@@ -50,7 +51,8 @@ _STATES_SHOWN = 2
 _RESIDUALS_WHITE = Assumption(
     "the residuals of the forces are white",
     "the mean force residuals are correlated in time",
-    "the model lacks a slow effect: look at the residuals over time",
+    "the model lacks a slow effect: look at the residuals over time (`tables/residuals.csv`, a "
+    "figure of the report)",
 )
 _NOISE_LEVEL = Assumption(
     "the forces are as noisy as assumed",

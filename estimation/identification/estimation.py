@@ -123,7 +123,7 @@ def estimate_parameters(
         }
         bound = _bound(robot, experiments, priors, estimates)
         best = best_of(estimates)
-        wider = _wider(robot, experiments, priors, best, section)
+        of_tolerances = _tolerance_warnings(robot, experiments, priors, best, section)
         machine = estimated_machine(robot, best.systematic)
         estimates, priors = _with_true_damping(machine, estimates, priors)
         if machine.chosen:
@@ -174,7 +174,7 @@ def estimate_parameters(
             *(warning for measurement in data for warning in measurement.warnings),
             *(() if selection is None else selection.warnings),
             *_warnings(recordings, channels, priors, estimates),
-            *wider,
+            *of_tolerances,
             *_low_pass_warnings(robot_from(configuration.robot), recordings, best),
             *(
                 f"{name}: {_inconsistency(configuration)}"
@@ -327,20 +327,26 @@ def _bound(
     return cramer_rao_covariance(robot, experiments, priors, values)
 
 
-def _wider(
+def _tolerance_warnings(
     robot: Robot,
     experiments: Sequence[Experiment],
     priors: ParameterPriors,
     best: ParameterEstimate,
     section: EstimateSection,
 ) -> list[str]:
-    """Return the advice to estimate the deviations where that makes σ much smaller.
+    """Return the warning that tolerances do not count, or the advice to estimate the deviations.
 
-    The σ that it would have is the Cramér–Rao bound with the deviations as unknowns.
+    The advice is for a much smaller σ, which is the Cramér–Rao bound with the deviations as
+    unknowns.
     """
     chosen = toleranced_deviations(robot)
     pointwise = any(experiment.fit is None for experiment in experiments)
-    if section.estimates_tolerances or section.systematic == "none" or pointwise or not chosen:
+    if section.systematic == "none" and chosen:
+        return [
+            "the tolerances of the robot do not count, by `estimate.systematic: none`: standard "
+            "deviations and intervals are those of the noise alone"
+        ]
+    if section.estimates_tolerances or pointwise or not chosen:
         return []
     bound = cramer_rao_covariance(robot, experiments, priors, best.values, chosen)
     ratios = best.std[priors.free] / np.sqrt(np.diag(bound)[priors.free])

@@ -178,6 +178,8 @@ def test_shares_add_up_and_the_common_gain_scales_all_forces(chosen):
     row = next(r for r in result.rows if (r.estimator, r.parameter) == ("gm", "p10"))
     assert row.std == pytest.approx(np.hypot(row.std_random, row.std_systematic))
     assert plain["gm"].systematic is None
+    assert any("`estimate.systematic: none`" in text for text in plain.warnings)
+    assert not any("`estimate.systematic: none`" in text for text in result.warnings)
 
 
 @pytest.mark.parametrize(
