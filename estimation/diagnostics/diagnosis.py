@@ -431,7 +431,7 @@ def _tests(
         ),
         causes=causes,
         causes_with_effects=causes_with_effects,
-        gain_drift=gain_drift(experiment, part, GAIN_DRIFT / shares),
+        gain_drift=gain_drift(experiment, case.part, GAIN_DRIFT / shares),
         whiteness=replace(
             noises.whiteness,
             force_residuals=_whiteness(given[0], part.counts, given[1], level),

@@ -129,7 +129,9 @@ def _split_periods(experiment: Experiment, part: Linearisation) -> tuple[list[Ar
 
     The columns are those of gains and constants. With a filter of the noise both are filtered.
     """
-    predicted = experiment.forces - part.force_rows
+    # `force_rows` are behind the filters of the sensors, the forces before them.
+    filtered = experiment.recording.forces.response is not None
+    predicted = experiment.forces - (part.forces if filtered else part.force_rows)
     unit = np.broadcast_to(np.eye(ACTUATORS), (len(predicted), ACTUATORS, ACTUATORS))
     columns = np.concatenate([predicted[:, :, None] * unit, unit], axis=2)
     whitening_filter = experiment.noise.forces.filter

@@ -356,12 +356,15 @@ def _test_channels(
     rows, centred = residuals
     periods = measured = channels.periods
     if periods is not None and measured is not None and len(periods) > 1:
-        periods = periods if profile is None else periods / profile.std
+        # A filter of the sensors makes white noise blue in the values before it.
+        recorded = np.moveaxis(channels.as_recorded(np.moveaxis(periods, 0, 2)), 2, 0)
+        periods = recorded if profile is None else recorded / profile.std
         samples = contrasts(periods)
         white = whiteness(samples, level=level)
         if noise_filter is not None:
-            unscaled = periods if noise_filter.size is None else measured
-            periods = np.stack([noise_filter(period) for period in unscaled])
+            scaled = profile is not None and noise_filter.size is None
+            filtered = periods if scaled else measured
+            periods = np.stack([noise_filter(period) for period in filtered])
             # The jump between a period's end and beginning appears as outliers after the filter.
             ends = noise_filter.reach(samples.std(axis=(0, 1)))
             samples = contrasts(periods)[:, ends : noise_filter.count - ends]

@@ -165,7 +165,8 @@ def _actuator_rows(
 ) -> list[ActuatorRow]:
     (only,) = diagnosis.recordings
     test, variances = only.tests.lack_of_fit, only.tests.variance_comparison
-    forces, rest = experiment.forces, only.residuals.forces
+    forces = experiment.recording.forces.as_recorded(experiment.forces)
+    rest = only.residuals.forces
     words = ["not tested" if test.refused else "fails" if f else "passes" for f in test.failed]
     return [
         ActuatorRow(

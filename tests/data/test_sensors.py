@@ -16,12 +16,19 @@ from estimation.data.measurement import Measurement
 from estimation.data.reading import read_measurement
 from estimation.data.sensors import SensorResponse
 from estimation.diagnostics.finding import Status
+from estimation.diagnostics.gain_drift import gain_drift
+from estimation.diagnostics.linearisation import linearise
+from estimation.diagnostics.noise_tests import noise_tests
 from estimation.estimators import PerturbedMachine
 from estimation.identification import estimate_parameters
 from estimation.identification.calibration import apply_calibration
 from estimation.identification.estimate import estimate
 from estimation.identification.periods import leave_out_ramps
-from estimation.identification.recording import check_recording, fold_measurement
+from estimation.identification.recording import (
+    check_recording,
+    fold_measurement,
+    prepare_experiment,
+)
 from estimation.twin import Twin
 from estimation.twin.truth import write_measurement
 from expdesign.configuration import InputError
@@ -123,6 +130,32 @@ def test_known_filters_and_delays_of_the_forces_leave_no_bias(tmp_path: Path) ->
         assert doubtful == (name == "unknown")
     for (name, _), distance in distances.items():
         assert distance > 4 if name == "unknown" else distance < 2.5, distances
+
+
+def test_the_noise_behind_a_known_filter_is_tested_as_it_was_recorded(tmp_path: Path) -> None:
+    tau = 20e-3
+    _record_filtered(tmp_path / "m.csv", tau, [0.0] * 6)
+    case = run(data={"filter": {"Q": {"low_pass": 1 / (2 * np.pi * tau)}}})
+    data = read_measurement(tmp_path / "m.csv", case.run.data, case.robot)
+    filtered = prepare_experiment(case, ROBOT, data, palida_motion())
+    channels, every = filtered.recording.forces, np.ones(len(ROBOT.parameters), dtype=bool)
+    part = linearise(ROBOT, filtered, ROBOT.parameters, every, filtered.fitted.motion)
+    # The same recording without any filter, which leaves the residuals that were recorded.
+    values = channels.as_recorded(channels.values)
+    periods = data.forces.reshape(-1, *values.shape)
+    recorded = replace(channels, values=values, periods=periods, response=None)
+    recording, noise = replace(filtered.recording, forces=recorded), filtered.noise.as_white()
+    plain = replace(filtered, recording=recording, noise=noise)
+    one, other = (
+        noise_tests(each.recording, each.noise, part.force_rows, None) for each in (plain, filtered)
+    )
+    seen, found = one.whiteness.force_noise, other.whiteness.force_noise
+    assert seen is not None
+    assert found is not None
+    assert np.allclose(found.autocorrelation, seen.autocorrelation, atol=1e-9)
+    assert found.statistic == pytest.approx(seen.statistic)
+    expected = gain_drift(plain, part, 0.01)
+    assert gain_drift(filtered, part, 0.01).scale == pytest.approx(expected.scale, rel=1e-4)
 
 
 def test_unknown_delays_of_single_channels_are_estimated() -> None:

@@ -10,6 +10,7 @@ from estimation.diagnostics.finding import Assumption, DiagnosisVerdict, Status
 from estimation.identification import estimate_parameters, estimation_result
 from estimation.identification.estimate import identified_model
 from estimation.identification.result import EstimationResult
+from estimation.twin.truth import write_measurement
 from estimation.validation.validate import validate
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.experiment import ValidationMotion
@@ -124,6 +125,19 @@ def test_cogging_that_the_estimate_does_not_know_fails_its_struts(folder):
     test = result.predictions[0].tests.lack_of_fit
     assert list(np.flatnonzero(test.failed) + 1) == [3, 4]
     assert not result.accepted
+
+
+def test_the_measured_forces_of_a_prediction_are_those_of_the_recording(folder, tmp_path):
+    """Before a filter of the sensors they would contain the noise, divided by its gain."""
+    data = measured(MOTION, seed=1, periods=10)
+    write_measurement(data, tmp_path / "m.csv")
+    known = {"filter": {"Q": {"low_pass": "5 Hz", "order": 2}}}
+    motions = [{"motion": "file", "file": str(tmp_path / "m.csv")}]
+    result = validate(run(data=known, validate=motions), read_estimate(folder, ROBOT))
+    mean = data.forces.reshape(10, -1, 6).mean(axis=0)
+    rms = [row.rms_measured for row in result.rows]
+    assert rms == pytest.approx(np.std(mean, axis=0), rel=1e-6)
+    assert np.std(result.forces[0].measured, axis=0) == pytest.approx(rms)
 
 
 def test_a_wrong_mass_fails(folder):
