@@ -93,7 +93,14 @@ def sensitivity_at_design(plan: SearchPlan, trajectory: FourierTrajectory) -> Li
 def _sensitivity(plan: SearchPlan, x: Array, near: float) -> LimitSensitivity:
     problem = plan.problem
     width, level = plan.widths[-1], problem.criterion.levels[-1]
-    _, slope = problem.cost.gradient(x, width, level)
+    value, slope = problem.cost.gradient(x, width, level)
+
+    def improvement(decrease: float) -> float:
+        if problem.criterion.invariant:
+            return float(np.exp(decrease))
+        now, then = (problem.cost.criterion_value(cost) for cost in (value, value - decrease))
+        return then / now if problem.criterion.larger_is_better else now / then
+
     held = _active_rows(problem, x, width, near)
     multipliers, unexplained = balance_gradients(slope, held.slopes)
     reserves = [limit.key for limit in problem.limits.limits if limit.reserve]
@@ -105,10 +112,10 @@ def _sensitivity(plan: SearchPlan, x: Array, near: float) -> LimitSensitivity:
         if key in costs:
             costs[key] += float(multiplier * reserved)
     return LimitSensitivity(
-        {key: float(np.expm1(gain)) for key, gain in gains.items()},
+        {key: improvement(gain) - 1 for key, gain in gains.items()},
         unexplained,
-        {key: float(-np.expm1(-cost)) for key, cost in costs.items()},
-        float(-np.expm1(-sum(costs.values()))),
+        {key: 1 - 1 / improvement(cost) for key, cost in costs.items()},
+        1 - 1 / improvement(sum(costs.values())),
     )
 
 

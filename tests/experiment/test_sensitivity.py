@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from expdesign.configuration import load_run
+from expdesign.experiment import sensitivity
 from expdesign.experiment.sensitivity import (
     FREQUENCY,
     WIDER,
@@ -60,6 +61,34 @@ def run():
             "workers": 1,
         }
     )
+
+
+@pytest.mark.parametrize("key", ["a", "condition", "d", "e"])
+def test_gains_are_those_of_the_criterion(run, key, monkeypatch):
+    plan = plan_search(run.with_section("design", criterion=key))
+    problem, x, width = plan.problem, NEAR_AN_OPTIMUM, plan.widths[-1]
+    criterion, level = problem.criterion, problem.criterion.levels[-1]
+    _, slope = problem.cost.gradient(x, width, level)
+    # The limit "tilt" holds the motion back from this step alone.
+    better = x - 0.01 * slope / (slope @ slope)
+    costs, values = (
+        [of(each) for each in (x, better)]
+        for of in (
+            lambda at: problem.cost.value(at, width, level),
+            lambda at: criterion.value(np.linalg.eigvalsh(problem.cost.information(at, width))),
+        )
+    )
+    rows = sensitivity._ActiveRows(
+        ["tilt"], -slope[None], np.array([costs[0] - costs[1]]), np.zeros(1)
+    )
+    monkeypatch.setattr(sensitivity, "_active_rows", lambda *_: rows)
+    found = sensitivity_at_design(plan, problem.variables.trajectory(x))
+    now, then = values
+    expected = then / now if criterion.larger_is_better else now / then
+    if criterion.invariant:
+        expected = np.exp((then - now) / len(problem.cost.scaling))
+    assert expected > 1.005
+    assert found.gains["tilt"] == pytest.approx(expected - 1, rel=0.05)
 
 
 @pytest.mark.slow
