@@ -279,21 +279,19 @@ def doubts_in_words(effects: Sequence[Effect]) -> str:
 def _effects(
     search: Search,
     found: Sequence[EffectCandidate],
-    rivals: Sequence[tuple[tuple[EffectCandidate, float], ...]],
+    rivals: Sequence[tuple[EffectCandidate, ...]],
 ) -> tuple[Effect, ...]:
     """Fit all effects jointly."""
     fit = search.projection.conditional_on(()).fit(column_indices(found))
     effects, first = [], 0
-    sizes = _sizes_given_others(search, found)
-    for item, others, size in zip(found, rivals, sizes, strict=True):
+    sizes, excesses = _sizes_given_others(search, found), search.conditional_excesses(found)
+    for item, others, size, excess in zip(found, rivals, sizes, excesses, strict=True):
         chosen = slice(first, first + len(item.places))
         first = chosen.stop
         values, covariance = fit.values[chosen], fit.covariance[chosen, chosen]
         if item.hypothesis.sized_by_constant:
             values = np.array([item.constant])
-        relative = search.conditional_log_p(item, exclude(found, item)) - item.limit
-        own = [Rival(*rival.name, p) for rival, p in others]
-        effect = build_effect(item, relative, (values, covariance), own)
+        effect = build_effect(item, excess, (values, covariance), others)
         if (scan := item.scan) is not None:
             force = periodic_force(search.part, scan.strut, scan.best_pitch, values, covariance)
             long = force.pitch > np.ptp(search.part.position[:, scan.strut])
@@ -310,7 +308,10 @@ def _effects(
 
 
 def build_effect(
-    item: EffectCandidate, relative: float, fit: tuple[Array, Array], rivals: Sequence[Rival]
+    item: EffectCandidate,
+    excess: float,
+    fit: tuple[Array, Array],
+    rivals: Sequence[EffectCandidate],
 ) -> Effect:
     """Build an effect from the log p of a candidate less its limit, and from values and covariance.
 
@@ -322,15 +323,15 @@ def build_effect(
         kind=item.kind,
         strut=item.strut,
         parameter=item.parameter,
-        log_p=relative + float(np.log(item.hypothesis.level)),
+        log_p=excess + float(np.log(item.hypothesis.level)),
         force=None,
         value=float(values[0]),
         std=float(stds[0]),
         values=values,
         stds=stds,
         constant=item.constant,
-        rivals=tuple(rivals),
-        chance=relative > CHANCE,
+        rivals=tuple(Rival(*rival.name, rival.log_p) for rival in rivals),
+        chance=excess > CHANCE,
         doubt="" if item.is_possible(values, covariance) else _IMPOSSIBLE,
     )
 

@@ -256,13 +256,7 @@ def _diagnose_experiment(
     several = shares + (shares > 1 and not held_out)
     families = list_hypotheses(case.effects, priors.names, held_out=held_out, experiments=several)
     searched = search_system.with_tolerances(*tolerated)
-    attribution = attribute(
-        searched,
-        part,
-        families,
-        experiment.recording.step,
-        experiments=shares,
-    )
+    attribution = attribute(searched, part, families, experiment.recording.step, experiments=shares)
     tolerant, explained = searched, attribution.last.solution
     if search_system is not system:
         tolerant = system.with_tolerances(*tolerated)

@@ -36,7 +36,6 @@ from constraints.arrays import Array
 from estimation.diagnostics import joint_system
 from estimation.diagnostics.attribution import (
     Attribution,
-    Rival,
     build_effect,
     describe_candidate,
     hypothesis_finding,
@@ -112,10 +111,10 @@ class CandidateReliability:
         """Joint fit of its columns."""
         return self.scores.fit(range(len(self.response)))
 
-    @property
-    def log_p(self) -> float:
-        """Logarithm of p of its test, uncorrected."""
-        return self.item.log_p(self.fit, self.scores.freedom)
+    @cached_property
+    def tested(self) -> EffectCandidate:
+        """The candidate with p of its joint fit."""
+        return replace(self.item, log_p=self.item.log_p_of(self.fit, self.scores.freedom))
 
     @property
     def is_possible(self) -> bool:
@@ -180,7 +179,7 @@ def candidate_reliability(
             shift[:, item.places],
             gram,
         )
-        for item, _ in list_candidates(tests.families)
+        for item in list_candidates(tests.families)
         if item.kind not in stated and not np.all(counted[item.places])
     )
 
@@ -229,19 +228,17 @@ def common_effect_findings(
     """Return the finding of an effect that only all recordings together show."""
     if len(attributions) == 1 or any(each.effects for each in attributions):
         return ()
-    significant = [each for each in candidates if each.log_p < each.item.limit]
+    significant = [each for each in candidates if each.tested.excess < 0]
     possible = [each for each in significant if each.is_possible]
     if not significant:
         return ()
-    best = min(possible or significant, key=lambda each: each.log_p - each.item.limit)
-    alike = sorted((each for each in possible if _is_rival(each, best)), key=attrgetter("log_p"))
-    rivals = {each.item.name: each.log_p for each in alike[:_MOST_RIVALS]}
-    effect = build_effect(
-        best.item,
-        best.log_p - best.item.limit,
-        (best.fit.values, best.fit.covariance),
-        [Rival(*name, log_p) for name, log_p in rivals.items()],
+    best = min(possible or significant, key=lambda each: each.tested.excess)
+    alike = sorted(
+        (each.tested for each in possible if _is_rival(each, best)), key=attrgetter("log_p")
     )
+    rivals = {one.name: one for one in alike[:_MOST_RIVALS]}
+    fit = best.fit.values, best.fit.covariance
+    effect = build_effect(best.item, best.tested.excess, fit, tuple(rivals.values()))
     attribution = replace(attributions[0], effects=(effect,))
     finding = hypothesis_finding(attribution, best.item.hypothesis)
     return (finding.in_part("all recordings together"),)

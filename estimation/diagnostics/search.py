@@ -78,6 +78,8 @@ class EffectCandidate:
     constant: float = np.nan
     scan: PitchScan | None = None
     """The scan that found a position-periodic force."""
+    log_p: float = np.nan
+    """Logarithm of p of its test, uncorrected for its family; NaN if it cannot be tested."""
 
     @property
     def kind(self) -> str:
@@ -104,8 +106,13 @@ class EffectCandidate:
         """Whether its constant is unknown, in addition to its size."""
         return self.hypothesis.at is not None and not self.hypothesis.sized_by_constant
 
-    def log_p(self, fit: EffectFit, freedom: float) -> float:
-        """Return the logarithm of p of its fit, uncorrected for its family."""
+    @property
+    def excess(self) -> float:
+        """Logarithm of p over its limit; negative: it is significant."""
+        return self.log_p - self.limit
+
+    def log_p_of(self, fit: EffectFit, freedom: float) -> float:
+        """Return the logarithm of p of a fit, uncorrected for its family."""
         if not fit.rank:
             return 0.0
         if self.scan is not None:
@@ -113,16 +120,14 @@ class EffectCandidate:
         return float(log_tail(np.array(fit.statistic), np.array(fit.rank), freedom))
 
 
-def list_candidates(
-    tests: Mapping[str, HypothesisTest],
-) -> Iterator[tuple[EffectCandidate, float]]:
-    """Yield every candidate of the families with its log p; NaN if it cannot be tested."""
+def list_candidates(tests: Mapping[str, HypothesisTest]) -> Iterator[EffectCandidate]:
+    """Yield every candidate of the families."""
     for test in tests.values():
         hypothesis = test.hypothesis
         for number, (name, strut) in enumerate(hypothesis.labels):
             places, constant = test.places(number), hypothesis.constant_of(number)
             limit, log_p = float(test.limits[number]), float(test.log_p[number])
-            yield EffectCandidate(hypothesis, strut, name, places, limit, constant), log_p
+            yield EffectCandidate(hypothesis, strut, name, places, limit, constant, log_p=log_p)
 
 
 class Search:
@@ -173,8 +178,8 @@ class Search:
         ((columns, _, _),) = periodic_fits(solution, self.part, [scan])
         new = Signature.of_forces(self.part, columns)
         family = Hypothesis(**vars(PERIODIC), labels=(), columns=new, level=self.level)
-        limit = float(np.log(self.level / ACTUATORS))
-        return EffectCandidate(family, scan.strut, "", self._append(new), limit, scan=scan)
+        limit, places = float(np.log(self.level / ACTUATORS)), self._append(new)
+        return EffectCandidate(family, scan.strut, "", places, limit, scan=scan, log_p=scan.log_p)
 
     def _refine_constant(
         self, item: EffectCandidate, known: Sequence[EffectCandidate]
@@ -252,66 +257,61 @@ class Search:
         candidates = [
             one
             for one in list_candidates(tests.families)
-            if one[0].name not in taken and np.isfinite(one[1])
+            if one.name not in taken and np.isfinite(one.log_p)
         ]
         scan = min(tests.scans, key=attrgetter("log_p"))
         relative = scan.log_p - float(np.log(self.level / ACTUATORS))
-        found = min(candidates, key=lambda one: one[1] - one[0].limit, default=None)
-        if found is not None and found[1] - found[0].limit < min(relative, 0.0):
-            if not found[0].hypothesis.sized_by_constant:
-                return self._refine_constant(found[0], known)
+        found = min(candidates, key=attrgetter("excess"), default=None)
+        if found is not None and found.excess < min(relative, 0.0):
+            if not found.hypothesis.sized_by_constant:
+                return self._refine_constant(found, known)
             secants = self._size_secants(candidates, known)
-            significance = [self.conditional_log_p(one, known) - one.limit for one in secants]
+            excess = np.array([one.excess for one in secants])
             # Of equal ones the simplest: the families are in this order.
-            equal = np.array(significance) < min(significance) - np.log(RIVAL_LEVEL)
+            equal = excess < np.min(excess) - np.log(RIVAL_LEVEL)
             return secants[int(np.argmax(equal))]
         return self._periodic_candidate(tests.solution, scan) if relative < 0 else None
 
     def _size_secants(
-        self, candidates: Sequence[tuple[EffectCandidate, float]], known: Sequence[EffectCandidate]
+        self, candidates: Sequence[EffectCandidate], known: Sequence[EffectCandidate]
     ) -> list[EffectCandidate]:
         """Return the best effects that are sized by their constants, one of each family, with them.
 
         A delay and a low pass differ less than their secants at the few constants of the tests.
         """
-        sized = [
-            (item, log_p)
-            for item, log_p in candidates
-            if item.hypothesis.sized_by_constant and log_p < item.limit
-        ]
+        sized = [one for one in candidates if one.hypothesis.sized_by_constant and one.excess < 0]
         refined = self._refine_best(sized, known)
         return [one for one in refined if one.constant > one.hypothesis.bounds[0]] or refined
 
     def _refine_best(
-        self, candidates: Sequence[tuple[EffectCandidate, float]], known: Sequence[EffectCandidate]
+        self, candidates: Sequence[EffectCandidate], known: Sequence[EffectCandidate]
     ) -> list[EffectCandidate]:
-        """Return the best candidate of each family with its best-fitting constant."""
-        best: dict[str, tuple[EffectCandidate, float]] = {}
-        for item, log_p in candidates:
-            if log_p < best.get(item.kind, (item, 1.0))[1]:
-                best[item.kind] = item, log_p
-        return [self._refine_constant(item, known) for item, _ in best.values()]
+        """Return the best candidate of each family with its best-fitting constant, and its p."""
+        best: dict[str, EffectCandidate] = {}
+        for item in candidates:
+            if item.kind not in best or item.log_p < best[item.kind].log_p:
+                best[item.kind] = item
+        refined = [self._refine_constant(item, known) for item in best.values()]
+        return [replace(one, log_p=self.conditional_log_p(one, known)) for one in refined]
 
     def drop_insignificant(self, found: list[EffectCandidate]) -> list[EffectCandidate]:
         """Drop, one by one, effects that are not significant given all others."""
         while found:
-            relative = [
-                self.conditional_log_p(item, exclude(found, item)) - item.limit for item in found
-            ]
-            worst = int(np.argmax(relative))
-            if relative[worst] < 0:
+            excesses = self.conditional_excesses(found)
+            worst = int(np.argmax(excesses))
+            if excesses[worst] < 0:
                 break
             found = exclude(found, found[worst])
         return found
 
     def exchange_for_rivals(
         self, found: list[EffectCandidate]
-    ) -> tuple[list[EffectCandidate], list[tuple[tuple[EffectCandidate, float], ...]]]:
+    ) -> tuple[list[EffectCandidate], list[tuple[EffectCandidate, ...]]]:
         """Exchange effects for rivals that are more significant in their place, and sort them.
 
-        Returns the effects, most significant first, and the rivals of each with their log p.
+        Returns the effects, most significant first, and the rivals of each.
         """
-        rivals: list[tuple[tuple[EffectCandidate, float], ...]] = []
+        rivals: list[tuple[EffectCandidate, ...]] = []
         for _ in range(_ROUNDS):
             before, rivals = found, []
             for number, item in enumerate(found):
@@ -322,57 +322,52 @@ class Search:
                 # Any significant candidate is better than one beyond its bounds.
                 least = 0.0
                 if item.is_possible(own.values, own.covariance):
-                    least = item.log_p(own, self.projection.freedom) - item.limit
+                    least = item.log_p_of(own, self.projection.freedom) - item.limit
                 if not rivals[-1]:
                     continue
                 # A special case that is no worse: the further columns are not significant.
-                simpler = [
-                    one for one in rivals[-1] if one[0].is_part_of(item) and one[1] < one[0].limit
-                ]
-                rival, log_p = (simpler or rivals[-1])[0]
+                simpler = [one for one in rivals[-1] if one.is_part_of(item) and one.excess < 0]
+                rival = (simpler or rivals[-1])[0]
                 if rival.hypothesis.sized_by_constant:
                     rival = self._refine_constant(rival, others)
                     if item.hypothesis.sized_by_constant:  # equal ones stay
-                        log_p -= float(np.log(RIVAL_LEVEL))
-                if simpler or log_p - rival.limit < least:
+                        least += float(np.log(RIVAL_LEVEL))
+                if simpler or rival.excess < least:
                     found = [*found[:number], rival, *found[number + 1 :]]
             found = self.drop_insignificant(found)
             if found is before:
                 break
         else:
             rivals = [self.find_rivals(item, exclude(found, item)) for item in found]
-        significance = [self.conditional_log_p(i, exclude(found, i)) - i.limit for i in found]
-        order = np.argsort(significance, kind="stable").tolist()
+        order = np.argsort(self.conditional_excesses(found), kind="stable").tolist()
         return [found[k] for k in order], [rivals[k] for k in order]
 
     def find_rivals(
         self, item: EffectCandidate, others: Sequence[EffectCandidate]
-    ) -> tuple[tuple[EffectCandidate, float], ...]:
-        """Return the candidates that explain an effect about as well, each with its log p.
+    ) -> tuple[EffectCandidate, ...]:
+        """Return the candidates that explain an effect about as well, with their p in its place.
 
         A candidate with an unknown constant is excluded if it is with the constant that fits best.
         """
         conditional = self.projection.conditional_on(column_indices(others))
-        found: dict[tuple[str, int | None, str], tuple[EffectCandidate, float]] = {}
+        found: dict[tuple[str, int | None, str], EffectCandidate] = {}
         taken = {item.name, *(other.name for other in others)}
         candidates = list(list_candidates(self._family_tests(conditional)))
         if item.scan is None and item.strut is not None:
             solution = self._solution_given(others)
             scan = self._scan(solution, item.strut)
             if np.isfinite(scan.best_pitch):
-                candidates.append((self._periodic_candidate(solution, scan), scan.log_p))
+                candidates.append(self._periodic_candidate(solution, scan))
         candidates = [
-            one for one in candidates if one[0].name not in taken and one[1] < np.log(RIVAL_LEVEL)
+            one for one in candidates if one.name not in taken and one.log_p < np.log(RIVAL_LEVEL)
         ]
-        refined = self._refine_best([one for one in candidates if one[0].fits_constant], others)
+        refined = self._refine_best([one for one in candidates if one.fits_constant], others)
         if item.hypothesis.sized_by_constant:
             refined += self._size_secants(candidates, others)
         # Within a step few samples show a jump of dry friction: a longer secant may fit better.
         names = {one.name for one in refined if one.fits_constant or abs(one.constant) > self.step}
-        candidates = [one for one in candidates if one[0].name not in names]
-        candidates += [(one, self.conditional_log_p(one, others)) for one in refined]
         conditional = self.projection.conditional_on(column_indices(others))
-        for rival, log_p in candidates:
+        for rival in [*(one for one in candidates if one.name not in names), *refined]:
             if item.is_part_of(rival):
                 continue
             fit = conditional.fit(_sizing_columns(rival))
@@ -385,19 +380,16 @@ class Search:
             given = [*others, rival]
             if not together and self._is_significant(item, self.fit_given(item, given)):
                 continue
-            if rival.name not in found or log_p < found[rival.name][1]:
-                found[rival.name] = (rival, log_p)
-        rivals = [
-            one
-            for one in found.values()
-            if not any(other.is_part_of(one[0]) for other, _ in found.values())
-        ]
-        return tuple(sorted(rivals, key=lambda one: one[1] - one[0].limit))
+            if rival.name not in found or rival.log_p < found[rival.name].log_p:
+                found[rival.name] = rival
+        every = found.values()
+        rivals = [one for one in every if not any(other.is_part_of(one) for other in every)]
+        return tuple(sorted(rivals, key=attrgetter("excess")))
 
     def _is_significant(self, item: EffectCandidate, fit: EffectFit) -> bool:
         if fit.rank and item.fits_constant:
             fit = replace(fit, rank=fit.rank + 1)
-        return item.log_p(fit, self.projection.freedom) < np.log(RIVAL_LEVEL)
+        return item.log_p_of(fit, self.projection.freedom) < np.log(RIVAL_LEVEL)
 
     def fit_given(self, item: EffectCandidate, others: Sequence[EffectCandidate]) -> EffectFit:
         """Return the fit of a candidate, given others, without the columns of all further ones."""
@@ -408,7 +400,11 @@ class Search:
 
     def conditional_log_p(self, item: EffectCandidate, others: Sequence[EffectCandidate]) -> float:
         """Return log p of a candidate, given others, uncorrected for its family."""
-        return item.log_p(self.fit_given(item, others), self.projection.freedom)
+        return item.log_p_of(self.fit_given(item, others), self.projection.freedom)
+
+    def conditional_excesses(self, found: Sequence[EffectCandidate]) -> list[float]:
+        """Return log p of every effect over its limit, given all others."""
+        return [self.conditional_log_p(one, exclude(found, one)) - one.limit for one in found]
 
 
 def _is_same_lag(item: EffectCandidate, rival: EffectCandidate) -> bool:

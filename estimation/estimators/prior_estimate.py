@@ -63,8 +63,8 @@ class PriorEstimate:
                 key="estimate.prior_from",
                 allowed="none, or a robot such as the identified-robot.yaml of a run folder",
             )
-        values = _append_constants(found.unconstrained or robot.parameters, found)
-        covariance, deviating, response = _split_covariance(found, robot, "estimate.prior_from")
+        given = found.unconstrained or robot.parameters
+        values, covariance, deviating, response = _split(found, given, robot, "estimate.prior_from")
         return cls(values, invert_covariance(covariance), deviating, response)
 
     def of_combinations(
@@ -151,12 +151,11 @@ class UnloadedMachine(PriorEstimate):
             The identification names deviations that the robot does not have.
         """
         found, names = identification_of(machine), robot.parameter_names
-        covariance, deviating, response = _split_covariance(found, robot, "estimate.prior")
         given = found.unconstrained or [machine.parameters[name] for name in names]
+        values, covariance, deviating, response = _split(found, given, robot, "estimate.prior")
         platform = np.array([names.index(name) for name in OF_A_BODY.values()], dtype=np.intp)
         kept = covariance.copy()
         kept[platform] = kept[:, platform] = 0.0
-        values = _append_constants(given, found)
         return cls(values, invert_covariance(kept), deviating, response, covariance, platform)
 
     @property
@@ -179,11 +178,6 @@ class UnloadedMachine(PriorEstimate):
         return transfer
 
 
-def _append_constants(parameters: Sequence[float] | Array, found: Identification) -> Array:
-    """Append zeros for the constants that were estimated with the parameters."""
-    return np.pad(np.array(parameters), (0, len(found.constants)))
-
-
 def invert_covariance(covariance: Array) -> Array:
     """Return the inverse, (m, m), of the rows with a non-zero diagonal; zeros elsewhere."""
     std = np.sqrt(np.diag(covariance))
@@ -194,10 +188,12 @@ def invert_covariance(covariance: Array) -> Array:
     return (precision + precision.T) / 2
 
 
-def _split_covariance(
-    found: Identification, robot: Robot, key: str
-) -> tuple[Array, tuple[Deviation, ...], Array]:
-    """Split an identification's covariance into a prior covariance and shared systematic effects.
+def _split(
+    found: Identification, given: Sequence[float] | Array, robot: Robot, key: str
+) -> tuple[Array, Array, tuple[Deviation, ...], Array]:
+    """Split an identification of parameters into values, covariance and shared systematic effects.
+
+    Zeros for the constants that were estimated with them follow the `given` parameters, (m,).
 
     The prior covariance, (m + c, m + c), is the random part plus the part due to the constants' own
     tolerances. These were priors of the constants: the random part alone would appear the more
@@ -229,6 +225,7 @@ def _split_covariance(
     effects = response[:, own] * tolerances[own]
     others = [one for one in found.deviations if one.name not in found.constants]
     return (
+        np.pad(np.array(given), (0, len(found.constants))),
         covariance + effects @ effects.T,
         tuple(replace(known[one.name], tolerance=one.tolerance) for one in others),
         response[:, ~own],
