@@ -188,7 +188,9 @@ def verdict(
     of_the_forces = tuple(
         finding.in_experiment(number, len(experiments))
         for number, experiment in enumerate(experiments, 1)
-        for finding in experiment_findings(experiment, wrong_channels=bool(channels))
+        for finding in experiment_findings(
+            experiment, wrong_channels=bool(channels), shares=len(experiments)
+        )
     )
     findings = (*channels, *of_the_estimate, *of_the_forces)
     serious = _order_causes(channels, of_the_estimate, of_the_forces)
@@ -244,10 +246,11 @@ def _order_causes(
 
 
 def experiment_findings(
-    diagnosis: AttributedDiagnosis, *, wrong_channels: bool = False
+    diagnosis: AttributedDiagnosis, *, wrong_channels: bool = False, shares: int = 1
 ) -> list[Finding]:
     """Return the findings of one experiment, one per assumption, effects by their strength.
 
+    So many experiments share the levels.
     The strongest effect, and a second one that explains a comparable share, are marked as first.
     """
     tests, white = diagnosis.tests, diagnosis.tests.whiteness.force_residuals
@@ -271,8 +274,8 @@ def experiment_findings(
         *sorted(effects.values(), key=lambda finding: not finding.first),
         _gain_drift(tests),
         _white(_RESIDUALS_WHITE, white, "actuator", "mean residual", left),
-        _size(_NOISE_LEVEL, tests.chi_square.forces_with_effects, "force", left),
-        *_motion(tests, left),
+        _size(_NOISE_LEVEL, tests.chi_square.forces_with_effects, "force", shares, left),
+        *_motion(tests, shares, left),
         *noise_findings(tests),
     ]
 
@@ -385,7 +388,7 @@ def _gain_drift(tests: RecordingTests) -> Finding:
     )
 
 
-def _motion(tests: RecordingTests, left: str) -> list[Finding]:
+def _motion(tests: RecordingTests, shares: int, left: str) -> list[Finding]:
     """Report whether the estimated motion explains the lengths."""
     test, white = tests.chi_square.lengths, tests.whiteness.length_residuals
     if test is None or white is None:
@@ -398,7 +401,7 @@ def _motion(tests: RecordingTests, left: str) -> list[Finding]:
             return [skipped]
         sentence = "motion and noise still changed when the iteration ended"
         return [skipped, _SETTLED.fails(sentence)]
-    findings = [_size(_MOTION, test, "length", left)]
+    findings = [_size(_MOTION, test, "length", shares, left)]
     if tests.harmonics_left_out:
         sentence = (
             f"the forces show {tests.harmonics_left_out} harmonics of the motion that the lengths "
@@ -411,19 +414,21 @@ def _motion(tests: RecordingTests, left: str) -> list[Finding]:
     ]
 
 
-def _size(assumption: Assumption, test: ChiSquare, kind: str, left: str = "") -> Finding:
-    """Report whether residuals have the size of the noise."""
+def _size(
+    assumption: Assumption, test: ChiSquare, kind: str, shares: int, left: str = ""
+) -> Finding:
+    """Report whether residuals have the size of the noise, at 1/`shares` of the level."""
     if test.refused:
         return assumption.skip(test.refused)
-    p = min(1.0, 4 * min(test.p_value, test.p_smaller))
+    p, level = min(1.0, 4 * min(test.p_value, test.p_smaller)), CHI_SQUARE / shares
     ratio = f"(χ² / degrees of freedom = {test.ratio:.3f}{' ' * bool(left)}{left})"
-    if p >= CHI_SQUARE:
+    if p >= level:
         sentence = f"the {kind} residuals have the size of the noise {ratio}"
-        return assumption.holds(sentence, p, CHI_SQUARE)
+        return assumption.holds(sentence, p, level)
     small = test.p_smaller < test.p_value
     sentence = f"the {kind} residuals are too {'small' if small else 'large'} {ratio}"
     advice = f"the stated noise of the {kind}s is too large: intervals are too wide"
-    return assumption.fails(sentence, p, CHI_SQUARE, advice=advice if small else "")
+    return assumption.fails(sentence, p, level, advice=advice if small else "")
 
 
 def _white(

@@ -120,6 +120,9 @@ def test_two_experiments_share_the_levels_and_the_parameters(sharp, estimator):
     fitted = alone.tests.lack_of_fit.fitted_freedom
     np.testing.assert_allclose(first.fitted_freedom + second.fitted_freedom, fitted, atol=0.15)
     assert any(f.sentence.startswith("experiment 2: ") for f in result.verdict.findings)
+    named = ("the forces are as noisy as assumed", "the fitted motion explains the lengths")
+    levels = [f.level for f in result.verdict.findings if f.assumption in named]
+    assert levels == pytest.approx([0.0005] * 4)
 
 
 def test_noise_from_residuals_refuses_the_bias_test(laboratory, sound, tmp_path):
