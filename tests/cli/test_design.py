@@ -216,9 +216,11 @@ def rubin(tiny):
     )
 
 
-def test_later_stages_do_not_change_what_the_design_was_made_from(expdesign, tiny, tmp_path):
+def test_later_stages_do_not_change_what_the_design_was_made_from(
+    expdesign, tiny, few_limits, cheap_finish, tmp_path
+):
     """Its seed came from an option."""
-    file, folder = write_run(tmp_path, tiny()), tmp_path / "run"
+    file, folder = write_run(tmp_path, tiny(robot=few_limits)), tmp_path / "run"
     assert expdesign("design", file, "--out", folder, "--seed", 4)[0] == 0
     before = load_run(folder / "run.yaml").run.design
     assert (before.seed, load_run(file).run.design.seed) == (4, 0)
