@@ -198,7 +198,7 @@ def _sandwich_covariance(
     lines = noise.lines
     if lines is not None and lines.samples != len(counts):
         lines = None
-    if lines is not None and noise.filter is not None:
+    if lines is not None and noise.filter is not None and np.isfinite(noise.filter.freedom):
         loss = 1.0  # The weights at a line are estimated without that line.
     size = None if noise.filter is None else noise.filter.size
     white, whole = np.zeros(()), []

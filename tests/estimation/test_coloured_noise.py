@@ -187,6 +187,27 @@ def test_whitening_behind_a_filter_holds_for_channels_of_any_size(quieter, corre
     assert np.max(np.abs(whitened - covariance) / np.outer(std, std)) < 1e-6
 
 
+def test_behind_a_filter_the_weights_are_as_uncertain_as_without():
+    """A filter that changes nothing: 50 degrees of freedom make the variances 1.36 times larger."""
+    recording = fold_recording(measured(MOTION), MOTION.omega, PeriodSource.DESIGN)
+    known, seen = (
+        NoiseModel(NoiseEstimate(SIGMA, freedom), NoiseEstimate(DELTA, freedom))
+        for freedom in (np.inf, 50.0)
+    )
+    behind = NoiseModel(
+        *(each.before_sensors(np.ones((101, 6)), 200) for each in (seen.forces, seen.lengths))
+    )
+    fit = fit_motion(ROBOT, recording, known.lengths, MOTION.harmonics)
+    exact, without, within = (
+        linear_estimate(
+            ROBOT, [Experiment.from_fit(ROBOT, recording, noise, fit)], GLIDING, "gm"
+        ).covariance
+        for noise in (known, seen, behind)
+    )
+    np.testing.assert_allclose(without, 50 * 49 / (44 * 41) * exact, rtol=1e-9)
+    np.testing.assert_allclose(np.diag(within), np.diag(without), rtol=1e-9)
+
+
 def test_filtered_noise_is_white():
     samples, memory = 300, 0.8
     spectrum = first_order(samples, memory)[:, None, None] * SIGMA.astype(complex)
