@@ -42,7 +42,7 @@ from estimation.identification.recording import (
     with_residual_noise,
 )
 from estimation.identification.term_selection import Selection
-from estimation.measurement_model import HarmonicMotion, SplineMotion
+from estimation.measurement_model import HarmonicMotion, Motion, SplineMotion
 from estimation.processing import PeriodSource
 from estimation.uncertainty.consistency import ConsistentEstimate, consistent_estimate
 from estimation.uncertainty.intervals import (
@@ -121,6 +121,7 @@ def estimate_parameters(
                 robot, experiments, priors, section.estimators, joint
             ).items()
         }
+        estimated_recordings = recordings = _with_experiments(recordings, experiments)
         bound = _bound(robot, experiments, priors, estimates)
         best = best_of(estimates)
         of_tolerances = _tolerance_warnings(robot, experiments, priors, best, section)
@@ -128,41 +129,27 @@ def estimate_parameters(
         estimates, priors = _with_true_damping(machine, estimates, priors)
         if machine.chosen:
             # Diagnoses take the machine as estimated, along the estimated motions.
-            robot = machine.robot
-            recordings = tuple(
-                replace(
-                    prepare_recording(
-                        configuration,
-                        robot,
-                        apply_calibration(configuration, one, plan, machine),
-                        plan,
-                        estimated=motion,
-                    ),
-                    fewest_harmonics=before.fewest_harmonics,
-                )
-                for before, (one, plan), motion in zip(recordings, pairs, best.motions, strict=True)
-            )
+            robot, parts = machine.robot, zip(recordings, pairs, best.motions, strict=True)
+            recordings = tuple(_prepare_estimated(configuration, machine, *each) for each in parts)
             experiments = [each.experiment for each in recordings]
             experiments = with_residual_noise(robot, experiments, priors, section.spectrum)
         elif machine.robot.delay_std:
             robot = machine.robot
             experiments = [each.with_terms_of(robot) for each in experiments]
-        recordings = tuple(
-            replace(recording, experiment=own)
-            for recording, own in zip(recordings, experiments, strict=True)
-        )
+        recordings = _with_experiments(recordings, experiments)
         report_progress("the nearest physically consistent parameters")
         consistent = {
             name: consistent_estimate(robot, found, priors) for name, found in estimates.items()
         }
-    rows = [row for found in estimates.values() for row in parameter_rows(robot, found, priors)]
     return Estimation(
         configuration=configuration,
         robot=robot,
         priors=priors,
         recordings=recordings,
         estimates=estimates,
-        rows=tuple(rows),
+        rows=tuple(
+            row for found in estimates.values() for row in parameter_rows(robot, found, priors)
+        ),
         consistent=consistent,
         bound=bound,
         selection=selection,
@@ -173,7 +160,7 @@ def estimate_parameters(
             *configuration.warnings,
             *(warning for measurement in data for warning in measurement.warnings),
             *(() if selection is None else selection.warnings),
-            *_warnings(recordings, channels, priors, estimates),
+            *_warnings(estimated_recordings, channels, priors, estimates),
             *of_tolerances,
             *_low_pass_warnings(robot_from(configuration.robot), recordings, best),
             *(
@@ -183,6 +170,26 @@ def estimate_parameters(
             ),
         ),
     )
+
+
+def _with_experiments(
+    recordings: Sequence[PreparedRecording], experiments: Sequence[Experiment]
+) -> tuple[PreparedRecording, ...]:
+    pairs = zip(recordings, experiments, strict=True)
+    return tuple(replace(recording, experiment=own) for recording, own in pairs)
+
+
+def _prepare_estimated(
+    configuration: RunConfiguration,
+    machine: PerturbedMachine,
+    before: PreparedRecording,
+    pair: tuple[Measurement, FourierTrajectory | None],
+    motion: Motion,
+) -> PreparedRecording:
+    """Prepare a recording for the machine as estimated, along its estimated motion."""
+    data = apply_calibration(configuration, *pair, machine)
+    found = prepare_recording(configuration, machine.robot, data, pair[1], estimated=motion)
+    return replace(found, fewest_harmonics=before.fewest_harmonics)
 
 
 @dataclass(frozen=True, eq=False)

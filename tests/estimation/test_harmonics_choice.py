@@ -71,6 +71,15 @@ def test_ml_covers_with_them_and_says_that_others_do_not():
     assert np.mean(np.square(pulls)) < 2.2
 
 
+def test_it_is_said_where_ml_estimates_tolerances_with_the_parameters():
+    """Its recording is prepared again for the machine as estimated, along the whole motion."""
+    data = measured(with_hidden_harmonic(), **NOISY)
+    for tolerances in ({}, {"force_constant": {"common": "0.5 %"}}):
+        result = estimate_parameters(run(tolerances=tolerances), data, MOTION)
+        assert (result["ml"].systematic is not None) is bool(tolerances)
+        assert any("LS and GM" in warning for warning in result.warnings)
+
+
 def test_cogging_is_no_motion():
     """The lengths are too precise to allow the motion that would explain the forces."""
     data = measured(MOTION)
