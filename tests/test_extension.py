@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import textwrap
+import threading
 
 import pytest
 from ruamel.yaml import YAML
@@ -198,10 +199,15 @@ def process(environment, tmp_path):
             )
             started.enter_context(shell)
             started.callback(shell.kill)
+            patience = threading.Timer(280, shell.kill)
+            patience.start()
+            started.callback(patience.cancel)
 
             def execute(*arguments):
                 print(json.dumps(arguments), file=shell.stdin, flush=True)
-                status, said = json.loads(shell.stdout.readline())
+                answer = shell.stdout.readline()
+                assert answer, f"{arguments}: the process ended"
+                status, said = json.loads(answer)
                 assert status == 0, said
                 return said
 

@@ -289,7 +289,7 @@ def _require_monotone(definition: LimitDefinition, bounds: Bounds, where: str) -
         most = quantity_text(max(map(abs, finite)), definition.unit)
         message = f"{where}{definition.title} cannot go so far as {most}"
         raise refusal(message, _allowed(definition))
-    # The values below an upper bound are not negative.
+    # An upper bound is positive: it limits at least the values from zero on.
     first = max(finite) / _PROBES if definition.kind == "upper" else min(finite)
     probes = np.linspace(first, max(finite), _PROBES if first < max(finite) else 1)
     with np.errstate(all="ignore"):
