@@ -54,6 +54,8 @@ def analyse_noise(recording: PeriodicRecording, source: str = "") -> noise_resul
     ------
     ValueError
         There is a single period, and therefore no scatter.
+    numpy.linalg.LinAlgError
+        A force has the noise of others.
     """
     lengths = recording.lengths
     rows = lengths.values if lengths.periods is None else lengths.periods.reshape(-1, ACTUATORS)
@@ -67,6 +69,8 @@ def analyse_noise(recording: PeriodicRecording, source: str = "") -> noise_resul
             f"{recording.periods:.3g} periods show no scatter between periods: an analysis of the "
             "noise needs two or more"
         )
+    if forces.is_singular:
+        raise np.linalg.LinAlgError("the covariance of the forces is singular")
     noise = NoiseModel(forces, of_lengths)
     # Residuals of a long Fourier series; values if there are separate periods.
     force_rows, length_rows = (
