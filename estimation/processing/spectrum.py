@@ -131,7 +131,7 @@ def _diagonal(matrices: ComplexArray) -> Array:
     return np.asarray(np.einsum("...ii->...i", matrices).real)
 
 
-def _ratio(lines: NoiseLines, spectrum: ComplexArray) -> tuple[Array, Array]:
+def _trace_and_log_det(lines: NoiseLines, spectrum: ComplexArray) -> tuple[Array, Array]:
     """Return tr S⁻¹ C of every line, (L,), and log |det S|, for a spectrum (L, 6, 6) or (6, 6).
 
     Gauss's elimination in [S | C] of all lines at once: LAPACK's calls for each line take longer.
@@ -227,7 +227,7 @@ def _own_size(lines: NoiseLines, spectrum: ComplexArray, freedom: Array) -> Arra
     doubled = multiplicity(lines.samples) * lines.freedom
     level = _STANDING_OUT / count / 2
     each = _diagonal(lines.matrices) / _diagonal(spectrum)
-    whole = _ratio(lines, spectrum)[0] / channels
+    whole = _trace_and_log_det(lines, spectrum)[0] / channels
     # Of the F distribution, beyond the ratio.
     line_out = fdtrc(channels * doubled, 2 * freedom, whole) < level
     channel_out = fdtrc(doubled[:, None], 2 * freedom[:, None], each) < level / channels
@@ -244,7 +244,7 @@ def _likelihood(flat: NoiseLines, smooth: ComplexArray, own: Array, filters: Com
     original ones.
     """
     scaled = replace(flat, matrices=_colour_test(flat.matrices, 1 / own.astype(np.complex128)))
-    ratio, logarithm = _ratio(scaled, smooth)
+    ratio, logarithm = _trace_and_log_det(scaled, smooth)
     logarithm = logarithm + 2 * np.sum(np.log(own / np.abs(filters)), axis=1)
     weight = multiplicity(flat.samples) / 2 * flat.freedom
     return float(-np.sum(weight * (logarithm + ratio)))
