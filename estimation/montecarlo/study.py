@@ -217,6 +217,7 @@ def study_inputs(configuration: RunConfiguration, design: FourierTrajectory) -> 
             "experiment": True,
             "estimate": True,
             "montecarlo": {"estimators", "seed"},
+            "data": {"units"},  # of forces in volts
         },
         exclude={"estimate": {"estimators"}},
     )

@@ -24,8 +24,9 @@ from expdesign.stages.stage import (
     too_long_to_simulate,
 )
 
-_EXPERIMENT, _ESTIMATOR = {"periods", "sampling"}, {"systematic", "estimators"}
-_PREDICTION = {"experiment": _EXPERIMENT, "estimate": _ESTIMATOR}
+_EXPERIMENT, _VOLTAGES = {"periods", "sampling"}, {"units"}
+_ESTIMATOR = {"systematic", "estimators", "harmonics"}
+_PREDICTION = {"experiment": _EXPERIMENT, "estimate": _ESTIMATOR, "data": _VOLTAGES}
 """Keys that the predicted precision of a motion depends on."""
 
 
@@ -125,7 +126,7 @@ class ExperimentStage(SimulationStage):
     file = "truth.json"
     output = MEASUREMENT_FILE
     writes = ("columns.json", MEASUREMENT_FILE, "repetitions/*/measurement.csv")
-    sections = run_sections("experiment")
+    sections = run_sections("experiment", "data")
     needs = ("design",)
     motions = "each"
 
@@ -156,7 +157,7 @@ class MonteCarloStage(SimulationStage):
     does = "judges the estimators on many simulated experiments"
     file = "montecarlo.json"
     writes = TABLES
-    sections = run_sections("experiment", "estimate", "montecarlo")
+    sections = run_sections("experiment", "estimate", "montecarlo", data=_VOLTAGES)
     needs = ("design",)
     compared = "tables/montecarlo.csv"
 
@@ -216,8 +217,7 @@ class SweepStage(SearchStage):
     writes = (*TABLES, "designs/*/design.json")
     sections = run_sections(
         *("trajectory", "design", "sweep", "goals"),
-        estimate=_ESTIMATOR,
-        experiment=_EXPERIMENT | {"payload"},
+        **_PREDICTION | {"experiment": _EXPERIMENT | {"payload"}},
     )
     in_sweep = True
 
@@ -233,7 +233,7 @@ class ExportStage(Stage):
         "trajectory",
         "motion",
         "export",
-        design={"parameters"},
+        design={"parameters", "known"},
         experiment=_EXPERIMENT | {"payload"},
     )
     needs = ("design",)

@@ -378,7 +378,8 @@ class Workspace:
         if need == "tolerances":
             section, robot = self.configuration.run.estimate, self.configuration.robot
             treatment = section.systematic == "none", section.estimates_tolerances
-            return "" if robot.tolerances is None else repr(treatment)
+            recorded = section.harmonics, self.configuration.records_voltages
+            return "" if robot.tolerances is None else repr((*treatment, *recorded))
         manifest = Manifest.known(self.folder)
         entries = {} if manifest is None else manifest.stages
         others = {name: asdict(entry) for name, entry in entries.items() if name != "report"}

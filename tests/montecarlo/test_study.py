@@ -15,6 +15,9 @@ from estimation.montecarlo.result import Failure
 from estimation.montecarlo.study import study_inputs
 from estimation.twin import Twin
 from expdesign.configuration import InputError
+from expdesign.configuration.robot import load_robot_description
+from expdesign.runfolder.manifest import sections_text
+from expdesign.stages.registry import stages
 from tests.estimation.cases import made_up
 from tests.montecarlo.examples import DESIGN, Watcher, repetition_rows, small
 from tests.twin.examples import motion
@@ -170,6 +173,16 @@ def test_other_inputs_are_another_study(change):
 )
 def test_what_a_repetition_does_not_depend_on(change):
     assert study_inputs(small(**change), DESIGN) == study_inputs(small(), DESIGN)
+
+
+def test_a_study_of_voltages_is_another_one():
+    palida = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    motor = {"force_constant": "90 N/A", "resistance": "2 ohm"}
+    robot = palida | {"drive": {"motor": motor}}
+    forces, volts = (small(robot=robot, data=data) for data in ({}, {"units": {"Q": "V"}}))
+    assert study_inputs(forces, DESIGN) != study_inputs(volts, DESIGN)
+    sections = stages()["montecarlo"].sections
+    assert sections_text(forces, sections) != sections_text(volts, sections)
 
 
 # --- failures and bad input -----------------------------------------------------------------------

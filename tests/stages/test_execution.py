@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from expdesign.configuration import load_run
-from expdesign.runfolder.manifest import Manifest, entry, file_hash
+from expdesign.configuration.robot import load_robot_description
+from expdesign.runfolder.manifest import Manifest, entry, file_hash, sections_text
 from expdesign.stages import execution
 from expdesign.stages.execution import add_to_files, execute, input_hash
 from expdesign.stages.registry import DesignStage, stages
@@ -252,6 +253,9 @@ def test_what_else_a_stage_is_made_from_is_noticed(tmp_path):
         ({"experiment": {"periods": 3}}, False, False),
         ({"noise": {"force_std": [1, 1, 1, 1, 1, 1]}}, False, False),
         ({"montecarlo": {"repetitions": 3}}, True, True),
+        # The simulated file has the form that the run reads.
+        ({"data": {"sign": {"Q": [-1, 1, 1, 1, 1, 1]}}}, True, False),
+        ({"data": {"units": {"q": "mm"}}}, True, False),
     ],
 )
 def test_each_stage_depends_on_its_own_sections(changed, design, experiment):
@@ -268,6 +272,7 @@ def test_each_stage_depends_on_its_own_sections(changed, design, experiment):
         ({"estimators": ["gm"]}, False),
         ({"systematic": "budget"}, False),
         ({"systematic": "none"}, False),
+        ({"harmonics": 8}, False),
     ],
 )
 def test_a_design_depends_on_the_treatment_of_tolerances(changed, same):
@@ -276,6 +281,27 @@ def test_a_design_depends_on_the_treatment_of_tolerances(changed, same):
         runs = (load_run(about | {"estimate": keys}) for keys in ({}, changed))
         one, other = (input_hash(stages()["design"], Workspace(run, Path())) for run in runs)
         assert (one == other) == alike
+
+
+def test_predictions_depend_on_what_is_recorded_as_forces():
+    palida = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    motor = {"force_constant": "90 N/A", "resistance": "2 ohm"}
+    about = {
+        "name": "n",
+        "robot": palida | {"drive": {"motor": motor}},
+        "tolerances": {"motor": {"constant": {"each": "1 %"}}},
+    }
+    runs = [load_run(about | {"data": data}) for data in ({}, {"units": {"Q": "V"}})]
+    for stage in ("design", "next", "goals", "sweep"):
+        own = stages()[stage]
+        recipes = [
+            (
+                sections_text(run, own.sections),
+                "tolerances" in own.needs and Workspace(run, Path()).made_from("tolerances"),
+            )
+            for run in runs
+        ]
+        assert recipes[0] != recipes[1], stage
 
 
 def test_a_stage_with_another_seed_keeps_the_entries_of_the_others(done):
