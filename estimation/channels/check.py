@@ -324,7 +324,7 @@ def _unstated_zeros(lengths: Wiring, *, undecided: bool) -> str:
 def channel_findings(checks: Sequence[ChannelCheck]) -> tuple[Finding, ...]:
     """Return the findings of all recordings; those of several name the recording."""
     return tuple(
-        finding.in_experiment(number, len(checks))
+        finding.name_experiment(number, len(checks))
         for number, check in enumerate(checks, 1)
         for finding in check.findings
     )

@@ -58,15 +58,15 @@ class Finding:
         """Whether the assumption fails."""
         return self.outcome is FindingOutcome.FAILS
 
-    def in_part(self, part: str) -> Finding:
-        """Return the finding with a part of the data, ``experiment 2``, in its sentences."""
+    def name_part(self, part: str) -> Finding:
+        """Return the finding with a part of the data, ``experiment 2``, named in its sentences."""
         prefix = f"{part}: "
         contradiction = self.contradiction and prefix + self.contradiction
         return replace(self, sentence=prefix + self.sentence, contradiction=contradiction)
 
-    def in_experiment(self, number: int, experiments: int) -> Finding:
+    def name_experiment(self, number: int, experiments: int) -> Finding:
         """Return the finding with the number of its experiment, if there are several."""
-        return self.in_part(f"experiment {number}") if experiments > 1 else self
+        return self.name_part(f"experiment {number}") if experiments > 1 else self
 
 
 @dataclass(frozen=True)

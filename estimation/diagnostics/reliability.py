@@ -241,7 +241,7 @@ def common_effect_findings(
     effect = build_effect(best.item, best.tested.excess, fit, tuple(rivals.values()))
     attribution = replace(attributions[0], effects=(effect,))
     finding = hypothesis_finding(attribution, best.item.hypothesis)
-    return (finding.in_part("all recordings together"),)
+    return (finding.name_part("all recordings together"),)
 
 
 def _is_rival(one: CandidateReliability, best: CandidateReliability) -> bool:

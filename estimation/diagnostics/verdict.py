@@ -186,7 +186,7 @@ def verdict(
     failures come first, causes before their consequences.
     """
     of_the_forces = tuple(
-        finding.in_experiment(number, len(experiments))
+        finding.name_experiment(number, len(experiments))
         for number, experiment in enumerate(experiments, 1)
         for finding in experiment_findings(
             experiment, wrong_channels=bool(channels), shares=len(experiments)
@@ -558,7 +558,7 @@ def check_motion_onset(experiments: Sequence[Experiment]) -> tuple[Finding, ...]
         _MOVING.fails(
             f"the struts do not move before {begin:.4g} s",
             advice=f"leave the rows before the motion out: `data.start: {begin:.4g} s`",
-        ).in_experiment(number, len(experiments))
+        ).name_experiment(number, len(experiments))
         for number, experiment in enumerate(experiments, 1)
         if (begin := experiment.recording.motion_onset) is not None
     )

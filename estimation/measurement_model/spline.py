@@ -116,17 +116,17 @@ class SplineSamples:
 
     def pose(self) -> Array:
         """Return λ, (S, 6)."""
-        return self._own(0, 1)
+        return self._motion_derivatives(0, 1)
 
     def state(self, first: int = 0) -> Array:
         """Return λ, λ̇, λ̈, or from another derivative on, (S, 18)."""
-        return self._own(first, 3) if first else self._state
+        return self._motion_derivatives(first, 3) if first else self._state
 
     @cached_property
     def _state(self) -> Array:
-        return self._own(0, 3)
+        return self._motion_derivatives(0, 3)
 
-    def _own(self, first: int, count: int) -> Array:
+    def _motion_derivatives(self, first: int, count: int) -> Array:
         return self._derivatives(self.motion.table[:, :, None], first, count)[:, :, 0]
 
     def _derivatives(self, tables: Array, first: int, count: int) -> Array:

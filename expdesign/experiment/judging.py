@@ -42,7 +42,7 @@ def noise_evaluator(configuration: RunConfiguration) -> Evaluator:
     design, robot = configuration.run.design, recorded_robot(configuration)
     names = unknown_parameters(configuration, robot)
     covariance, memory = force_noise(configuration)
-    marginal, samples = None, weighing_samples(configuration)
+    marginal, samples = None, count_experiment_samples(configuration)
     if design.is_change:
         changed = np.array([robot.parameter_names.index(name) for name in names], dtype=np.intp)
         marginal = Marginal.of_change(identification_of(design.priors[0]), changed, samples)
@@ -94,7 +94,7 @@ def judge(
     unknown = noise.unknown or robot.parameter_names
     columns = np.array([robot.parameter_names.index(name) for name in unknown], dtype=np.intp)
     chosen = counted_deviations(configuration, robot)
-    section, samples = configuration.run.design, weighing_samples(configuration)
+    section, samples = configuration.run.design, count_experiment_samples(configuration)
     if noise.marginal is None and section.interest is None and not chosen and not others:
         return problem, noise
     if section.interest is None:
@@ -271,10 +271,10 @@ def nuisances_in_words(configuration: RunConfiguration) -> str:
     return "; ".join(parts)
 
 
-def weighing_samples(configuration: RunConfiguration) -> float:
-    """Return the number of samples that weighs data against priors: of the highest frequency.
+def count_experiment_samples(configuration: RunConfiguration) -> float:
+    """Return the number of samples of the experiment, by which data and priors are weighed.
 
-    Motions are compared for the same measuring time.
+    It is that of the highest frequency: motions are compared for the same measuring time.
     """
     experiment = configuration.run.experiment
     return experiment.periods * experiment.sampling / configuration.run.trajectory.frequency[1]

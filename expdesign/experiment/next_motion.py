@@ -61,7 +61,7 @@ class NextResult(StageResult):
     WRITTEN_BY: ClassVar[str] = "`expdesign next`"
 
     name: Annotated[str, described("", "name of the run")]
-    robot_name: Annotated[str, described("", "name of the robot", name="robot")]
+    robot: Annotated[str, described("", "name of the robot")]
     periods: Annotated[float, described("1", "periods of the next motion")]
     minutes: Annotated[float, described("min", "measuring time of these periods")]
     repeated_periods: Annotated[
@@ -196,7 +196,7 @@ def compare_with_repetition(
     measured, repeated, better = stds(new, 0.0), stds(old, repeated_periods), stds(new, periods)
     return NextResult(
         name=configuration.run.name,
-        robot_name=configuration.robot.name,
+        robot=configuration.robot.name,
         periods=periods,
         minutes=periods * following.period / 60,
         repeated_periods=repeated_periods,

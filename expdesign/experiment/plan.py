@@ -133,7 +133,7 @@ class PlanResult(StageResult):
     WRITTEN_BY: ClassVar[str] = "`expdesign plan`"
 
     name: Annotated[str, described("", "name of the run")]
-    robot_name: Annotated[str, described("", "name of the robot", name="robot")]
+    robot: Annotated[str, described("", "name of the robot")]
     period: Annotated[float, described("s", "of the motion")]
     estimator: Annotated[
         str, described("", "estimator of the prediction: tolerances estimated, or budget")
@@ -194,7 +194,7 @@ def plan_measurement(configuration: RunConfiguration, trajectory: FourierTraject
     of_variances = configuration.run.design.criterion in _OF_VARIANCES
     return PlanResult(
         name=configuration.run.name,
-        robot_name=configuration.robot.name,
+        robot=configuration.robot.name,
         period=trajectory.period,
         estimator="tolerances estimated" if prediction.estimated else "budget",
         limit=limit,

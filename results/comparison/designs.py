@@ -21,7 +21,7 @@ from constraints.arrays import Array, Mask
 from expdesign.configuration import ResolvedRobot
 from expdesign.configuration.design import DesignSection, TaskSection
 from expdesign.experiment import DesignResult
-from expdesign.experiment.judging import noise_evaluator, weighing_samples
+from expdesign.experiment.judging import count_experiment_samples, noise_evaluator
 from expdesign.experiment.plan import Prediction
 from expdesign.experiment.precision import experiment_information, predicted_errors
 from expdesign.experiment.sensitivity import limit_sensitivity
@@ -398,7 +398,7 @@ def _differences(comparison: DesignComparison) -> list[str]:
 def _recording_differences(one: ComparedDesign, other: ComparedDesign) -> list[str]:
     """Return the differences in the further recordings of two designs, in words."""
     found = list[str]()
-    weights = [weighing_samples(each.result.configuration) for each in (one, other)]
+    weights = [count_experiment_samples(each.result.configuration) for each in (one, other)]
     if one.section.priors != other.section.priors:
         found.append("its earlier recordings (design.prior)")
     elif one.section.priors and weights[0] != weights[1]:
