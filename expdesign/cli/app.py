@@ -64,7 +64,8 @@ def _expdesign(
 
     All from one YAML file. RUN.yaml is a run file, or the name of one that ships (`palida`).
 
-    Exit status 0: done and within limits; 1: failed, or the result breaks a limit; 2: bad input.
+    Exit status 0: done and within limits; 1: failed, interrupted, the result breaks a limit, a goal
+    of `plan` is not reachable, or `certify` does not prove everything; 2: bad input.
     """
 
 

@@ -49,7 +49,7 @@ SeedOption = Annotated[
 ForceOption = Annotated[
     bool, flag_option("--force", "Estimate although channels contradict the section `data`.")
 ]
-StrictOption = Annotated[bool, flag_option("--strict", "Exit status 1 when a diagnostic fails.")]
+StrictOption = Annotated[bool, flag_option("--strict", "Exit status 1 for a doubtful verdict.")]
 
 
 def design(

@@ -127,7 +127,7 @@ def run_estimate(work: Workspace) -> Outcome:
         summary=summary,
         message="; ".join(f"{name}: {e.status}" for name, e in result.estimators.items()),
         warnings=result.warnings[len(configuration.warnings) :],
-        doubt="" if summary["verdict"] == "accepted" else "a diagnostic failed",
+        doubt="" if summary["verdict"] == "accepted" else f"the verdict is {summary['verdict']}",
     )
 
 
