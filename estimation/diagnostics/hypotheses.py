@@ -354,8 +354,8 @@ _FAMILIES = (
     _term(
         "drive_inertia",
         "an inertia of the drives",
-        advice="state the `drive` in the robot file, a screw or gear with lead and inertia: its "
-        "equivalent mass along the struts becomes a parameter of the estimate",
+        advice="add `drive_inertia` to the robot's `terms`, or state a screw or gear as `drive`, "
+        "with lead and inertia: a mass along the struts becomes a parameter of the estimate",
         unit="kg",
     ),
     _term(

@@ -139,14 +139,24 @@ _SHOWN = {
     "1": (100.0, "%"),
     "m": (1e3, "mm"),
     "s": (1e3, "ms"),
-    "rad": (np.rad2deg(1.0), "deg"),
+    "rad": (float(np.rad2deg(1.0)), "deg"),
 }
-"""Factor and unit in which deviations are displayed."""
+
+
+def shown_unit(unit: str) -> tuple[float, str]:
+    """Return the factor and the unit in which deviations with an SI unit are displayed.
+
+    Examples
+    --------
+    >>> shown_unit("m"), shown_unit("N")
+    ((1000.0, 'mm'), (1.0, 'N'))
+    """
+    return _SHOWN.get(unit, (1.0, unit))
 
 
 def _describe(one: EstimatedDeviation, z: float) -> str:
     """Return an estimate with its tolerance in words."""
-    scale, unit = _SHOWN.get(one.unit, (1.0, one.unit))
+    scale, unit = shown_unit(one.unit)
     value, std, tolerance = (scale * number for number in (one.value, one.std, one.tolerance))
     return (
         f"{one.name} {value:+.3g} ± {std:.1g} {unit}, tolerance {tolerance:.3g} {unit} "

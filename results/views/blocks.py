@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from constraints.arrays import Array
 from estimation.diagnostics.finding import DiagnosisVerdict, Finding, Status
 from estimation.diagnostics.linearisation import GENERAL_PLATFORM
 from estimation.diagnostics.reliability import UndetectedEffect
-from estimation.diagnostics.tolerance_test import hidden_error
+from estimation.diagnostics.tolerance_test import hidden_error, shown_unit
 from estimation.estimators.result import ABOUT_CENTRE, TEN
 from estimation.identification.estimator_result import PayloadRow
 from estimation.identification.result import EstimateFile, EstimationResult
@@ -32,6 +32,7 @@ from results.views.view import (
     Block,
     Drawing,
     FindingsBlock,
+    Kind,
     Level,
     ReportTable,
     TableColumn,
@@ -45,54 +46,63 @@ def verdict_level(verdict: DiagnosisVerdict) -> Level:
 
 
 def findings_block(
-    key: str, findings: Sequence[Finding], subject: str, *, again: str = ""
+    key: str, findings: Sequence[Finding], subject: str, *, again: str = "", advice: str = ""
 ) -> FindingsBlock:
     """Return the findings on a subject, such as ``"the estimate"``.
 
     The terminal lists all of them with their outcomes; with the word for repeating the stage,
-    `again`, it lists the first causes of a failure and counts the others.
+    `again`, it lists the first causes of a failure, which the verdict names, and counts the others.
+    What to do about a failure precedes what was observed. `advice` is that without a failure.
     """
     columns = (
         TableColumn("assumption", kind="text", of="assumption"),
         TableColumn("outcome", kind="outcome", of="outcome.value"),
-        TableColumn("observation", kind="text", of="sentence"),
         TableColumn("advice", kind="text", of="advice"),
+        TableColumn("observation", kind="text", of="sentence"),
     )
     table = ReportTable.of(key, f"Assumptions of {subject} and their tests", columns, findings)
     causes = [finding for finding in findings if finding.first]
-    lines = []
+    lines = [advice] if advice and not causes else []
     for finding in causes if again else findings:
         # A failed assumption that denies something would have to be decoded.
         outcome = finding.contradiction or f"{finding.assumption}: {finding.outcome.value}"
-        advice = f". What to do: {finding.advice}" if finding.advice else ""
-        lines.append(f"{'' if again else f'{outcome}. '}{finding.sentence}{advice}")
+        remedy = f"What to do: {finding.advice}" if finding.advice else ""
+        repeat = f"Then {again} again" if again and finding is causes[-1] else ""
+        parts = ["" if again else outcome, remedy, repeat, f"Observed: {finding.sentence}"]
+        if not finding.failed:
+            parts = [outcome, finding.sentence, remedy]
+        lines.append(". ".join(filter(None, parts)))
     others = sum(finding.failed for finding in findings) - len(causes)
-    if again and causes:
-        lines[-1] += f". Then {again} again"
-        if others:
-            verb = "may be a consequence" if others == 1 else "may be consequences"
-            lines.append(f"{count_text(others, 'other finding')} in the report {verb}")
+    if again and causes and others:
+        verb = "may be a consequence" if others == 1 else "may be consequences"
+        lines.append(f"{count_text(others, 'other finding')} in the report {verb}")
     return FindingsBlock(subject, table, tuple(lines))
 
 
-def undetected_blocks(
-    effects: Sequence[UndetectedEffect], rows: Sequence[ParameterRow], *, screen: bool
-) -> list[Block]:
-    """Return the effects that are not excluded: the worst undetected one of every family.
+def undetected_advice(effects: Sequence[UndetectedEffect], rows: Sequence[ParameterRow]) -> str:
+    """Return what to do about undetected effects, and the parameters that they make uncertain.
 
-    `rows` are the parameters of the diagnosed estimator.
+    `rows` are the parameters of the diagnosed estimator. Empty without effects.
     """
+    if not effects:
+        return ""
+    return (
+        "What to do: state undetected effects under `tolerances.terms`, zero if the machine has "
+        f"none, or record another motion. They {_uncertain_parameters(rows)}"
+    )
+
+
+def undetected_blocks(
+    effects: Sequence[UndetectedEffect], rows: Sequence[ParameterRow]
+) -> list[Block]:
+    """Return the effects that are not excluded: the worst undetected one of every family."""
     if not effects:
         return []
     worst: dict[str, UndetectedEffect] = {}
     for one in effects:  # the largest change first
         worst.setdefault(one.kind, one)
-    text = (
-        f"Undetected effects{_uncertain_parameters(rows)}. State them under `tolerances.terms`, "
-        "zero if the machine has none, or record another motion."
-    )
     more = (
-        "σ then includes a stated effect. The column std_undetected of estimates.csv contains what "
+        "σ includes a stated effect. The column std_undetected of estimates.csv contains what "
         "remains."
     )
     if GENERAL_PLATFORM in worst:
@@ -105,8 +115,7 @@ def undetected_blocks(
     )
     caption = "Effects that the tests may miss, and the errors that they would cause"
     return [
-        TextBlock(text, screen=screen),
-        TextBlock(more),
+        TextBlock(f"{undetected_advice(effects, rows)}. {more}"),
         ReportTable.of("undetected", caption, columns, list(worst.values())),
     ]
 
@@ -123,8 +132,7 @@ def _uncertain_parameters(rows: Sequence[ParameterRow]) -> str:
     ]
     if len(order) > _MOST_NAMED:
         named.append(f"{len(order) - _MOST_NAMED} more by over half")
-    words = f"make uncertain: {listed(named)}" if named else "are in the report"
-    return f" {words}"
+    return f"make uncertain: {listed(named)}" if named else "are in the report"
 
 
 _MOST_NAMED = 3
@@ -281,16 +289,14 @@ def budget_blocks(result: EstimationResult) -> list[Block]:
         shown = result.deviations[result.best]
         columns = [
             TableColumn("deviation", kind="text", of="deviation"),
-            TableColumn("unit", kind="text", of="unit"),
-            TableColumn("tolerance", digits=3, of="tolerance"),
-            TableColumn("estimate", digits=3, of="value"),
-            TableColumn("σ", digits=3, of="std"),
+            _SHOWN_UNIT,
+            _in_shown_unit("tolerance", lambda row: row.tolerance),
+            _in_shown_unit("estimate", lambda row: row.value),
+            _in_shown_unit("σ", lambda row: row.std),
             TableColumn("σ / tolerance", digits=2, of="ratio"),
             TableColumn("z", digits=2, of="z"),
-            TableColumn(
-                "hides up to",
-                digits=2,
-                of=lambda row: hidden_error(row.tolerance, row.std, len(shown)),
+            _in_shown_unit(
+                "hides up to", lambda row: hidden_error(row.tolerance, row.std, len(shown)), 2
             ),
         ]
         caption = (
@@ -302,6 +308,18 @@ def budget_blocks(result: EstimationResult) -> list[Block]:
     return blocks
 
 
+_SHOWN_UNIT = TableColumn("unit", kind="text", of=lambda row: shown_unit(row.unit)[1])
+
+
+def _in_shown_unit(
+    title: str, value: Callable[[Any], float], digits: int = 3, kind: Kind = "number"
+) -> TableColumn:
+    """Return a column of the values of rows in the unit in which deviations are displayed."""
+    return TableColumn(
+        title, kind=kind, digits=digits, of=lambda row: shown_unit(row.unit)[0] * value(row)
+    )
+
+
 def constants_blocks(result: EstimationResult) -> list[Block]:
     """Return the table of estimated constants of terms; nothing without any."""
     rows = result.best_estimator.constants
@@ -309,11 +327,11 @@ def constants_blocks(result: EstimationResult) -> list[Block]:
         return []
     columns = [
         TableColumn("constant", kind="text", of="constant"),
-        TableColumn("unit", kind="text", of="unit"),
-        TableColumn("in the robot file", digits=5, of="stated"),
-        TableColumn("tolerance", digits=3, of="tolerance"),
-        TableColumn("estimate", digits=5, of="value"),
-        TableColumn("σ", kind="error", digits=3, of="std"),
+        _SHOWN_UNIT,
+        _in_shown_unit("in the robot file", lambda row: row.stated, 5),
+        _in_shown_unit("tolerance", lambda row: row.tolerance),
+        _in_shown_unit("estimate", lambda row: row.value, 5),
+        _in_shown_unit("σ", lambda row: row.std, kind="error"),
     ]
     caption = "Constants of terms, estimated together with the parameters"
     return [ReportTable.of("constants", caption, columns, rows, screen=True)]

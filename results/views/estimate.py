@@ -8,7 +8,6 @@ from pathlib import PurePath
 
 import numpy as np
 
-from estimation.diagnostics.finding import Status
 from estimation.identification.result import EstimatedRecording, EstimateFile, EstimationResult
 from estimation.twin.truth import Truth
 from estimation.uncertainty.forces import (
@@ -39,6 +38,7 @@ from results.views.blocks import (
     selection_blocks,
     share_columns,
     truth_columns,
+    undetected_advice,
     undetected_blocks,
     verdict_level,
 )
@@ -151,13 +151,13 @@ def _blocks(
         caption = "ML − GM against the covariance that errors of the same data give this difference"
         blocks.append(differences_table("hausman", caption, result.parameters, test, folded=True))
     if result.diagnostics is not None:
-        verdict = result.diagnostics.verdict
-        blocks.append(
-            findings_block("findings", verdict.findings, "the estimate", again="estimate")
-        )
-        accepted = verdict.status is Status.ACCEPTED
+        effects, findings = result.diagnostics.undetected, result.diagnostics.verdict.findings
         rows = result.by_estimator()[result.best]
-        blocks += undetected_blocks(result.diagnostics.undetected, rows, screen=accepted)
+        advice = undetected_advice(effects, rows)
+        blocks.append(
+            findings_block("findings", findings, "the estimate", again="estimate", advice=advice)
+        )
+        blocks += undetected_blocks(effects, rows)
     blocks += drawings(DIAGNOSTIC_FIGURES, result.diagnoses, numbered=True)
     if not shows_noise(folder):
         blocks += drawings(NOISE_FIGURES, result.diagnoses, numbered=True)

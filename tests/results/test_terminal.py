@@ -4,13 +4,21 @@ import io
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from rich.console import Console
 
+from estimation.diagnostics.finding import Assumption
+from estimation.diagnostics.tolerance_test import hidden_error
 from expdesign.robot.derived import KnownQuantity, parameters_of
 from results.notation import concise
 from results.render.terminal import brief_warnings, print_table, print_view
-from results.views.blocks import undetected_blocks
+from results.views.blocks import (
+    budget_blocks,
+    constants_blocks,
+    findings_block,
+    undetected_advice,
+)
 from results.views.parameter_blocks import derived_blocks, symbols_blocks
 from results.views.view import (
     Fact,
@@ -93,6 +101,38 @@ def test_the_answer_comes_first():
     assert "page" not in text
 
 
+_WHITE = Assumption("the noise is white", "the noise is coloured", "measure longer")
+_FAILS = _WHITE.fails("r = 0.5", where="force 1")
+
+
+@pytest.mark.parametrize(
+    ("finding", "again", "lines"),
+    [
+        (
+            replace(_FAILS, first=True),
+            "estimate",
+            ["What to do: measure longer. Then estimate again. Observed: r = 0.5"],
+        ),
+        (_WHITE.holds("correlation 0.1", 0.5, 0.001), "estimate", ["add a motion"]),
+        (
+            _FAILS,
+            "",
+            ["the noise is coloured (force 1). What to do: measure longer. Observed: r = 0.5"],
+        ),
+        (
+            _WHITE.skip("one period", "measure two"),
+            "",
+            ["the noise is white: not tested. one period. What to do: measure two"],
+        ),
+    ],
+)
+def test_what_to_do_precedes_the_evidence(finding, again, lines):
+    advice = "add a motion" if again else ""
+    block = findings_block("findings", [finding], "the noise", again=again, advice=advice)
+    assert list(block.lines) == lines
+    assert [column.title for column in block.table.columns][2:] == ["advice", "observation"]
+
+
 def test_rows_that_are_left_out_are_counted():
     columns = (TableColumn("part", kind="text", of=["a", "b", "c"]), TableColumn("n", of=[1, 2, 3]))
     table = replace(
@@ -139,9 +179,31 @@ def test_a_change_is_not_compared_with_an_a_priori_value_of_rounding_size():
         for name, size in (("sx", 1.3e-16), ("sy", 1e-3))
     ]
     effect = SimpleNamespace(kind="any", text="", worst="sx", sigmas=1.0, forces=1.0)
-    text = undetected_blocks([effect], rows, screen=True)[0].text
+    text = undetected_advice([effect], rows)
     assert "sy by 0.0012 kg m" in text
     assert "sx" not in text
+
+
+def test_deviations_and_constants_are_shown_in_the_units_of_the_findings():
+    numbers = {"tolerance": 1e-4, "value": -2e-5, "std": 3e-5, "ratio": 0.3, "z": -0.2}
+    deviations = [SimpleNamespace(deviation="d", unit=unit, **numbers) for unit in ("m", "N", "1")]
+    share = SimpleNamespace(parameter="p1", source="noise", share_percent=100.0)
+    pitch = SimpleNamespace(
+        constant="p", unit="m", stated=0.024, tolerance=2e-4, value=0.0241, std=1e-5
+    )
+    best = SimpleNamespace(
+        systematic=SimpleNamespace(groups={"delay": 1}, with_priors=True), constants=[pitch]
+    )
+    result = SimpleNamespace(
+        best="ml", best_estimator=best, budget={"ml": [share]}, deviations={"ml": deviations}
+    )
+    *_, table = budget_blocks(result)
+    assert [row[1] for row in table.rows] == ["mm", "N", "%"]
+    shown = np.array([row[2:5] for row in table.rows])
+    np.testing.assert_allclose(shown, np.outer([1e3, 1, 100], [1e-4, -2e-5, 3e-5]))
+    assert table.rows[0][7] == pytest.approx(1e3 * hidden_error(1e-4, 3e-5, 3))
+    (constants,) = constants_blocks(result)
+    assert constants.rows[0] == ("p", "mm", *map(pytest.approx, (24.0, 0.2, 24.1, 0.01)))
 
 
 @pytest.mark.parametrize(
