@@ -193,6 +193,8 @@ def test_definitions_cannot_be_changed():
         ("strut_speed", -2, 2, -1.2, 0.6),  # ±b: |value| / b
         ("tilt", -INF, 0.5, 0.3, 0.6),  # upper bound: value / bound
         ("strut_clearance", 0.01, INF, 0.04, 0.25),  # lower bound: bound / value
+        ("strut_clearance", 0, INF, 0.04, 0.96),  # of no size, or negative: by the violation
+        ("strut_clearance", -0.5, INF, -0.4, 0.8),
         ("position", 0.2, 0.6, 0.55, 0.75),  # range: from its middle
         ("position", 0.2, 0.6, 0.25, 0.75),
         ("actuator_force", -100, 100, 110, 1.1),
