@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Event, Lock, Thread
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.spinner import Spinner
@@ -57,7 +57,7 @@ class Activity:
         self._spoke: float | None = None
         self._shown: tuple[str, int] | None = None
         self._spinner = Spinner("dots")
-        self._live: Live | None = None
+        self._picture: Callable[[], RenderableType] = self._bar
         self._lock = Lock()
         self.paused = False
 
@@ -122,15 +122,8 @@ class Activity:
             with self._lines_while_lasting():
                 yield
             return
-        self._live = Live(
-            get_renderable=self._picture,
-            console=self._console,
-            transient=True,
-            refresh_per_second=8,
-        )
-        with self._live:
+        with Live(self, console=self._console, transient=True, refresh_per_second=8):
             yield
-        self._live = None
 
     @contextmanager
     def _lines_while_lasting(self) -> Iterator[None]:
@@ -149,20 +142,20 @@ class Activity:
             ended.set()
             thread.join()
 
+    def __rich__(self) -> RenderableType:
+        """Return what is shown at present."""
+        return self._picture()
+
     @contextmanager
-    def hide(self) -> Iterator[None]:
-        """Leave the terminal to another display."""
-        self.paused = True
-        if self._live is not None:
-            self._live.stop()
+    def show_instead(self, picture: Callable[[], RenderableType]) -> Iterator[None]:
+        """Show another picture in place of the bar."""
+        self._picture = picture
         try:
             yield
         finally:
-            self.paused = False
-            if self._live is not None:
-                self._live.start(refresh=True)
+            self._picture, self.paused = self._bar, False
 
-    def _picture(self) -> Table | Text:
+    def _bar(self) -> RenderableType:
         if time.monotonic() - self._began < _SILENT:
             return Text("")
         row = Table.grid(padding=(0, 1))

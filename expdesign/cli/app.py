@@ -9,8 +9,7 @@ otherwise, and writes results to standard output, everything else to standard er
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
-from functools import wraps
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, Any
 
@@ -31,11 +30,21 @@ app = typer.Typer(
 
 
 class _Command(TyperCommand):
-    """A command that takes an option once: of several values the last would silently win."""
+    """A command that takes an option once, and no empty texts.
+
+    Of several values the last would silently win, and an empty path is the current folder.
+    """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        _, _, given = self.make_parser(ctx).parse_args(args=[*args])
+        values, _, given = self.make_parser(ctx).parse_args(args=[*args])
         for one, times in Counter(given).items():
+            value, is_option = values[one.name or ""], isinstance(one, TyperOption)
+            if "" in (value if isinstance(value, list | tuple) else [value]):
+                from expdesign.configuration import InputError  # --help needs no configuration
+
+                if is_option:
+                    raise InputError("the text is empty", key=one.opts[0])
+                raise InputError("an argument of the command is an empty text")
             if times > 1 and isinstance(one, TyperOption) and not (one.multiple or one.is_flag):
                 raise typer.BadParameter("it takes one value, and is given more", ctx, one)
         return super().parse_args(ctx, args)
@@ -69,23 +78,6 @@ def _expdesign(
     """
 
 
-def _interruptible(command: Callable[..., None]) -> Callable[..., None]:
-    """Report an interruption of a command as a failure, instead of Typer's own message."""
-
-    @wraps(command)
-    def ended(*arguments: Any, **options: Any) -> None:
-        try:
-            command(*arguments, **options)
-        except KeyboardInterrupt as interruption:
-            raise InterruptedCommand from interruption
-
-    return ended
-
-
-class InterruptedCommand(Exception):  # noqa: N818 - no error but the end of a command
-    """Interruption of a command."""
-
-
 _NAMES = {"next_motion": "next"}
 """Names of commands that are not those of their functions."""
 
@@ -109,7 +101,7 @@ for _command in (
     run_commands.compare,
     run_commands.run,
 ):
-    app.command(_NAMES.get(_command.__name__), cls=_Command)(_interruptible(_command))
+    app.command(_NAMES.get(_command.__name__), cls=_Command)(_command)
 
 
 def run(app: typer.Typer, arguments: Sequence[str]) -> int:
@@ -119,33 +111,27 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     """
     as_json = "--json" in arguments
     try:
-        _refuse_empty_texts(arguments)
         # Typer itself writes its messages about usage, unless they are to be JSON.
         status = app(args=list(arguments), prog_name="expdesign", standalone_mode=not as_json)
     except SystemExit as stop:
         status = stop.code
-    except (Exception, KeyboardInterrupt) as error:
-        with without_interruptions():
-            from expdesign.cli.output import report_error  # --help needs no configuration
-
-            interrupted = isinstance(error, InterruptedCommand)
-            status = report_error(KeyboardInterrupt() if interrupted else error, as_json=as_json)
+    except Exception as error:
+        status = _report(error, as_json=as_json)
         if status is None:
             raise
+    if status == _INTERRUPTED:
+        status = _report(KeyboardInterrupt(), as_json=as_json)
     if not isinstance(status, int):
         return 0
     return status if status in (0, 1, 2) else 1
 
 
-def _refuse_empty_texts(arguments: Sequence[str]) -> None:
-    """Refuse empty texts: no command accepts one, and as a path it would be the current folder."""
-    for before, text in zip(["", *arguments], arguments, strict=False):
-        option, sign, value = text.partition("=")
-        empty_option = option.startswith("--") and sign and not value
-        if text and not empty_option:
-            continue
-        from expdesign.configuration import InputError
+_INTERRUPTED = 130
+"""Status with which Typer ends a command after a `KeyboardInterrupt`."""
 
-        key = option if empty_option else before if before.startswith("--") else ""
-        message = "the text is empty" if key else "an argument of the command is an empty text"
-        raise InputError(message, key=key)
+
+def _report(error: BaseException, *, as_json: bool) -> int | None:
+    with without_interruptions():
+        from expdesign.cli.output import report_error  # --help needs no configuration
+
+        return report_error(error, as_json=as_json)

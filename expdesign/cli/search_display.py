@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import partial
 
 from rich.console import Console, Group
-from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
@@ -53,10 +51,10 @@ def search_display(
 class SearchDisplay:
     """Display of every running start and the best so far, with progress and remaining time.
 
-    On a terminal it is redrawn in place; elsewhere a line is written from time to time, ever more
-    rarely. `describe` returns the predicted precision of a motion in words. `max_seconds` are for
-    starts and hops; the finish, which comes on top, is not shown then. The activity is that of the
-    stage, for one clock and one count of lines.
+    On a terminal the activity shows its `picture`; elsewhere a line is written from time to time,
+    ever more rarely. `describe` returns the predicted precision of a motion in words. `max_seconds`
+    are for starts and hops; the finish, which comes on top, is not shown then. The activity is that
+    of the stage, for one clock and one count of lines.
     """
 
     def __init__(
@@ -103,22 +101,6 @@ class SearchDisplay:
         """Show the progress before the first start and after the last."""
         self._activity.paused = False
         self._activity.show_progress(what, done, total)
-
-    @contextmanager
-    def display(self) -> Iterator[None]:
-        """Show the display."""
-        if self._console.is_terminal:
-            shown = Live(
-                get_renderable=self._picture,
-                console=self._console,
-                transient=True,
-                refresh_per_second=4,
-            )
-            with shown:
-                yield
-        else:
-            with self._activity.display():
-                yield
 
     def _end(self, event: SearchEvent) -> None:
         """Count a start, a hop or a finish that has ended, and write the first result."""
@@ -195,7 +177,8 @@ class SearchDisplay:
             return f"start {event.start} of {self._starts}"
         return f"start {event.start} (hop {event.start - self._starts} of {self._hops})"
 
-    def _picture(self) -> Group:
+    def picture(self) -> Group:
+        """Return the running starts and the best so far."""
         if not self._built:
             return Group(Text(self._activity.line))
         lines = [Text(self._head), Text(self._best_text or "best: none yet")]

@@ -65,7 +65,7 @@ class Terminal(Progress):
 
         activity = self._activity or Activity(self._console, "design")
         display = search_display(self._console, configuration, activity)
-        with activity.hide(), display.display(), listen_to_progress(display.show_progress):
+        with activity.show_instead(display.picture), listen_to_progress(display.show_progress):
             yield display.report
 
 

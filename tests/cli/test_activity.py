@@ -106,7 +106,8 @@ def test_the_time_left_never_grows_while_a_step_lasts(clock):
 def test_nothing_is_said_while_another_display_has_the_terminal(clock):
     console = Console(file=io.StringIO(), width=200)
     activity = Activity(console, "design")
-    with activity.hide():
+    with activity.show_instead(lambda: "a table"):
+        activity.paused = True
         clock.now += 100.0
         activity.show_progress("figures", 0, 3)
     assert lines(console) == []
@@ -120,12 +121,13 @@ def test_a_bar_is_gone_when_the_stage_is_done(clock):
     clock.now += 10.0
     with activity.display():
         activity.show_progress("struts", 2, 6)
-        activity._live.refresh()
-        with activity.hide():
-            console.print("another display")
+        console._live_stack[0].refresh()
+        with activity.show_instead(lambda: "another display"):
+            console._live_stack[0].refresh()
         clock.now += 10.0
         activity.show_progress("struts", 4, 6)
     written = console.file.getvalue()
+    assert "another display" in written
     assert "2 of 6" in written
     assert "4 of 6" in written
     assert written.endswith("\x1b[1A\x1b[2K") or "\x1b[2K" in written[-20:]

@@ -44,7 +44,7 @@ def event(phase, objective, status="", violation=1e-3, **more):
 
 
 def test_there_is_a_line_before_the_first_event(display, every_line):
-    with display.display():
+    with display._activity.display():
         display.show_progress("building the problem", 0, 0)
         assert len(said(display).splitlines()) == 1
         display.report(event("blunt", 90.0))
@@ -58,7 +58,7 @@ def test_what_lasts_before_the_search_is_named_although_nothing_reports(display,
     monkeypatch.setattr("expdesign.cli.activity.time", clock)
     monkeypatch.setattr("expdesign.cli.activity._CHECKED", 0.01)
     display = SearchDisplay(display._console, CONDITION, 3, 0, "mass ± {} %".format)
-    with display.display():
+    with display._activity.display():
         display.show_progress("trial motions", 0, 3)
         display.show_progress("compiling", 0, 5)
         clock.now += 30.0
@@ -78,7 +78,7 @@ def test_a_search_is_described_in_the_words_of_a_user(display, every_line):
     display.report(event("blunt", 90.5, place=(1, 3), of_round=(7, 80)))
     display.report(event("sharp", 1234.0, place=(3, 3), of_round=(2, 20), violation=0.0))
     console = Console(file=io.StringIO(), width=100)
-    console.print(display._picture())
+    console.print(display.picture())
     display.report(event("waiting", 1240.0))
     display.report(event("done", float("inf"), "given up: behind"))
     display.report(event("done", 1300.0, "converged", motion=4))
@@ -171,7 +171,7 @@ def test_hops_are_counted_as_hops(every_line):
         display.report(dataclasses.replace(event("done", 1300.0), start=number))
     display.report(dataclasses.replace(event("finished", 1200.0, violation=0.0), start=5))
     assert "3 of 5 hops done, 1 finished" in said(display).splitlines()[-1]
-    console.print(display._picture())
+    console.print(display.picture())
     assert "2 of 2 starts and 3 of 5 hops" in said(display)
 
 
@@ -180,7 +180,7 @@ def test_a_table_of_the_running_starts_fits_into_80_columns(display):
     for number in (1, 12):
         running = event("sharp", -1234.56, place=(2, 3), of_round=(79, 80), share=0.6)
         display.report(dataclasses.replace(running, start=number, seconds=754.0))
-    console.print(display._picture())
+    console.print(display.picture())
     assert "…" not in console.file.getvalue()
     assert "79 of 80" in console.file.getvalue()
 
