@@ -29,7 +29,7 @@ from expdesign.export.text_table import write_lines
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATES, POSE
 from expdesign.progress import listen_to_progress, progress_prefix, report_progress
 from expdesign.robot import Robot
-from expdesign.runfolder.files import errors_naming, remove_leftovers, temporary_prefix
+from expdesign.runfolder.files import TEMPORARY, errors_naming, remove_leftovers
 from expdesign.runfolder.manifest import file_hash
 from expdesign.workers import Monitor
 
@@ -181,7 +181,7 @@ def export_table(section: ExportSection, task: Task, path: Path, place: str = ""
     # A folder in the same place: some libraries go by the file's name.
     with (
         errors_naming(path),
-        TemporaryDirectory(prefix=temporary_prefix(), dir=path.parent) as folder,
+        TemporaryDirectory(prefix=TEMPORARY, dir=path.parent) as folder,
     ):
         draft = Path(folder) / file_name(section)
         report_progress(f"writing {rows.count} rows")

@@ -28,7 +28,7 @@ from expdesign.export.whole_table import (
 )
 from expdesign.robot import Robot
 from expdesign.runfolder import MissingFileError
-from expdesign.runfolder.files import is_temporary
+from expdesign.runfolder.files import TEMPORARY
 from expdesign.runfolder.lock import LOCK
 from expdesign.runfolder.manifest import file_hash
 from expdesign.trajectory import FourierTrajectory
@@ -203,7 +203,7 @@ def unlisted_files(place: Path, result: ExportResult | None) -> tuple[list[str],
         for path in place.rglob("*")
         if path.is_file()
         and (name := path.relative_to(place).as_posix()) not in known
-        and not (is_temporary(name) or _LOCK.fullmatch(name))
+        and not (name.startswith(TEMPORARY) or _LOCK.fullmatch(name))
     )
     endings = (BAG, *(form.suffix for form in table_formats().values()))
     tables = [name for name in found if name.casefold().endswith(endings)]

@@ -1,18 +1,14 @@
 """Files of a run folder: complete or absent when written, checked for their format when read.
 
-A file is written under a temporary name in the same folder and then renamed. The temporary name
-identifies the process, so that a later process can remove the temporary files of one that ended.
+A file is written under a temporary name in the same folder and then renamed. Who holds the lock of
+a run folder may remove what others have left there under such names.
 """
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import os
-import platform
-import re
-import secrets
 import shutil
 import stat
 import tempfile
@@ -40,28 +36,24 @@ LARGEST_FILE = 64 * 1024 * 1024
 LARGEST_NUMBER = 1e150
 """Largest size of a number in a file: its square is still a number."""
 
-_ABANDONED = 24 * 3600.0
-"""s. A temporary file that nothing has changed for a day is removed, whatever process its name
-states: files are written in seconds."""
+TEMPORARY = ".expdesign-temporary-"
+"""Beginning of the names of temporary files and folders."""
 
-_TOKEN = secrets.token_hex(4)
-"""Of this process: another one may get its number later."""
-_NAME = re.compile(
-    r"\.expdesign-(?P<host>[0-9a-f]{8})-(?P<process>[0-9]{1,10})-(?P<token>[0-9a-f]{8})-"
-)
+_ABANDONED = 24 * 3600.0
+"""s. Files are written in seconds: after a day nobody writes a temporary file any more."""
 
 
 @contextmanager
 def atomic_write(path: Path, mode: int = 0o666) -> Iterator[Path]:
     """Provide a temporary path in the folder of `path`; rename it to `path` on success.
 
-    Temporary files of processes that were killed are removed from the folder first. The umask
-    restricts the `mode`. A failure is an `OSError` with the name of `path`.
+    Abandoned temporary files are removed from the folder first. The umask restricts the `mode`. A
+    failure is an `OSError` with the name of `path`.
     """
     with errors_naming(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         remove_leftovers(path.parent)
-        handle, name = tempfile.mkstemp(prefix=temporary_prefix(), dir=path.parent)
+        handle, name = tempfile.mkstemp(prefix=TEMPORARY, dir=path.parent)
         os.close(handle)
         temporary = Path(name)
         try:
@@ -196,59 +188,19 @@ def foreign_folder(folder: Path) -> str:
     return ""
 
 
-def temporary_prefix() -> str:
-    """Return the beginning of the names of this process's temporary files and folders."""
-    return f".expdesign-{_host()}-{os.getpid()}-{_TOKEN}-"
+def remove_leftovers(folder: Path, *, locked: bool = False) -> None:
+    """Remove the abandoned temporary files and folders in a folder: those that are a day old.
 
-
-def is_temporary(name: str) -> bool:
-    """Return whether a file or folder is temporary, of this process or another."""
-    return _NAME.match(name) is not None
-
-
-def remove_leftovers(folder: Path) -> None:
-    """Remove the temporary files and folders in a folder whose process has ended.
-
-    Those of a running process stay, and those of other computers until they are a day old. A file
-    that cannot be removed stays, too.
+    All of them are abandoned in a folder whose lock this process has, before it writes itself. A
+    file that cannot be removed stays.
     """
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
-            name = _NAME.match(entry.name)
-            if name is None or not _is_abandoned(name, entry.stat(follow_symlinks=False).st_mtime):
+            age = time.time() - entry.stat(follow_symlinks=False).st_mtime
+            if not (entry.name.startswith(TEMPORARY) and (locked or age > _ABANDONED)):
                 continue
             if entry.is_dir(follow_symlinks=False):
                 shutil.rmtree(entry.path, ignore_errors=True)
             else:
                 with contextlib.suppress(OSError):
                     Path(entry.path).unlink()
-
-
-def _is_abandoned(name: re.Match[str], changed: float) -> bool:
-    if time.time() - changed > _ABANDONED:
-        return True
-    if name["host"] != _host():
-        return False
-    process = int(name["process"])
-    if process == os.getpid():
-        return name["token"] != _TOKEN
-    return not _is_running(process)
-
-
-def _host() -> str:
-    """Return a hash of the computer, or container of it, in which process numbers are unique."""
-    with contextlib.suppress(OSError):
-        numbers = Path("/proc/self/ns/pid").readlink()
-        return hashlib.sha256(f"{platform.node()} {numbers}".encode()).hexdigest()[:8]
-    return hashlib.sha256(platform.node().encode()).hexdigest()[:8]
-
-
-def _is_running(process: int) -> bool:
-    """Return whether a process of this number is running; True when in doubt."""
-    try:
-        os.kill(process, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except OSError:
-        return True
-    return True

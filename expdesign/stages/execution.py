@@ -262,12 +262,12 @@ def _is_described(stage: Stage, made: StageEntry, folder: Path) -> bool:
 
 
 def clear_leftovers(folder: Path) -> None:
-    """Remove half-written files of a run that was killed."""
+    """Remove half-written files of a run that was killed; the folder's lock is held."""
     for root in (folder, *folder.glob("designs/*")):
-        remove_leftovers(root)
+        remove_leftovers(root, locked=True)
         for place in (*_FOLDERS, "repetitions/*"):
             for each in root.glob(place):
-                remove_leftovers(each)
+                remove_leftovers(each, locked=True)
 
 
 def write_entry(work: Workspace, outcome: Outcome, seconds: float) -> None:

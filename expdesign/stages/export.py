@@ -123,7 +123,7 @@ def _export_all(
         yield from run_jobs(partial(copy, task), jobs, workers, Monitor(report=forward_progress()))
     finally:
         # Files of a worker that was ended while it wrote a table.
-        remove_leftovers(target)
+        remove_leftovers(target, locked=True)
 
 
 def export_path(section: ExportSection, work: Workspace, out: Path | None) -> Path:

@@ -1,21 +1,19 @@
-"""Files of a run folder are complete or absent; temporary files of ended processes are removed."""
+"""Files of a run folder are complete or absent; abandoned temporary files are removed."""
 
 import errno
 import json
 import os
 import re
 import stat
-import subprocess
-import sys
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from expdesign.runfolder.files import (
+    TEMPORARY,
     atomic_write,
     remove_leftovers,
-    temporary_prefix,
     write_json,
     write_text,
 )
@@ -143,61 +141,41 @@ def test_an_error_of_the_system_names_the_file_and_leaves_nothing(tmp_path):
     assert names(tmp_path) == []
 
 
-@pytest.fixture
-def ended():
-    """Return the prefix of temporary names of a process that has ended."""
-    code = "from expdesign.runfolder.files import temporary_prefix; print(temporary_prefix())"
-    answer = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
-    )
-    return answer.stdout.strip()
+def half_written(folder):
+    """Write what a killed process leaves, and files that only look like it; return both."""
+    left, others = {f"{TEMPORARY}x", f"{TEMPORARY}folder"}, {".expdesign-notes", ".hidden", "a.csv"}
+    (folder / f"{TEMPORARY}folder").mkdir()
+    for name in ({f"{TEMPORARY}x", f"{TEMPORARY}folder/table.csv"}) | others:
+        (folder / name).write_text("half", encoding="utf-8")
+    return left, others
 
 
-def place_of(prefix):
-    """Return the part of a name that identifies the computer."""
-    return prefix.split("-")[1]
+def test_temporary_files_in_a_locked_folder_are_removed(tmp_path):
+    _, others = half_written(tmp_path)
+    remove_leftovers(tmp_path, locked=True)
+    assert names(tmp_path) == sorted(others)
 
 
-def test_temporary_files_of_ended_processes_are_removed(tmp_path, ended):
-    (tmp_path / f"{ended}x").write_text("half", encoding="utf-8")
-    (tmp_path / f"{ended}folder").mkdir()
-    (tmp_path / f"{ended}folder" / "table.csv").write_text("half", encoding="utf-8")
-    # An earlier process of the same number on the same computer.
-    token = temporary_prefix().split("-")[3]
-    again = temporary_prefix().replace(token, "0" * len(token))
-    (tmp_path / f"{again}x").write_text("half", encoding="utf-8")
+def test_temporary_files_that_others_may_write_stay_for_a_day(tmp_path):
+    left, others = half_written(tmp_path)
     remove_leftovers(tmp_path)
-    assert names(tmp_path) == []
-
-
-def test_temporary_files_of_running_processes_stay(tmp_path, ended):
-    living = f"{temporary_prefix()}x"
-    parent = ended.replace(ended.split("-")[2], str(os.getppid())) + "x"
-    elsewhere = ended.replace(place_of(ended), "0" * 8) + "x"
-    others = {".expdesign-notes", ".hidden", "table.csv"}
-    kept = {living, parent, elsewhere} | others
-    for name in kept:
-        (tmp_path / name).write_text("whole", encoding="utf-8")
+    assert names(tmp_path) == sorted(left | others)
+    for name in left | others:
+        os.utime(tmp_path / name, (0, 0))
     remove_leftovers(tmp_path)
-    assert names(tmp_path) == sorted(kept)
-    # Unless they are a day old.
-    os.utime(tmp_path / elsewhere, (0, 0))
-    remove_leftovers(tmp_path)
-    assert names(tmp_path) == sorted(kept - {elsewhere})
+    assert names(tmp_path) == sorted(others)
 
 
-def test_the_next_file_in_the_folder_removes_them(tmp_path, ended):
-    (tmp_path / f"{ended}x").write_text("half", encoding="utf-8")
+def test_the_next_file_in_the_folder_removes_them(tmp_path):
+    left, others = half_written(tmp_path)
+    for name in left:
+        os.utime(tmp_path / name, (0, 0))
     write_text(tmp_path / "file.txt", "whole")
-    assert names(tmp_path) == ["file.txt"]
+    assert names(tmp_path) == sorted({*others, "file.txt"})
 
 
 def test_a_missing_folder_has_no_temporary_files(tmp_path):
-    remove_leftovers(tmp_path / "none")
+    remove_leftovers(tmp_path / "none", locked=True)
     assert names(tmp_path) == []
 
 
