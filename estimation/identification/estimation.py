@@ -51,7 +51,7 @@ from estimation.uncertainty.intervals import (
     parameter_rows,
 )
 from expdesign.configuration import ConfigurationLike, InputError, RunConfiguration, load_run
-from expdesign.configuration.estimate import EstimateSection
+from expdesign.configuration.estimate import EstimateSection, name_in_run_file
 from expdesign.configuration.robot import RobotDescription
 from expdesign.configuration.run import add_terms
 from expdesign.configuration.tolerances import Identification
@@ -492,7 +492,7 @@ def _refuse_channels(
     if clock:
         folded = fold_measurement(mended, data, design)
         check = check_recording(mended, robot, folded, design, has_units=data.has_units)
-    section = configuration.run.data.in_run_file(configuration.file)
+    section = configuration.run.data.with_files(partial(name_in_run_file, configuration.file))
     replace(check, clock=clock).refuse(section, data.source)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from expdesign.configuration import (
 )
 from expdesign.configuration.bodies import bodies_in_words
 from expdesign.configuration.consistency import refuse_missing_task
+from expdesign.configuration.estimate import name_in_run_file
 from expdesign.configuration.grid import value_text
 from expdesign.configuration.limits import (
     defaults_in_words,
@@ -139,7 +141,7 @@ def show_channels(run: str, data: Path, design: Path | None, *, as_json: bool) -
     section = configuration.run.data
     if section.files is None:
         section = section.model_copy(update={"file": str(data)})
-    sections = found.sections(section.in_run_file(configuration.file))
+    sections = found.sections(section.with_files(partial(name_in_run_file, configuration.file)))
     sure = "certain" if found.sure else "not certain: other channels explain it nearly as well"
     given = f"{100 * (found.as_given or 0.0):.3g} % of the variation of the forces"
     doubt = (

@@ -154,7 +154,7 @@ def find_file(
     raise InputError(message, allowed=allowed, nearest=nearest_name(name_or_path, shipped))
 
 
-def read_text(path: Path, largest: int, allowed: str) -> str:
+def read_text(path: Path, allowed: str, largest: int = 4 * 1024 * 1024) -> str:
     """Return the text of a file in UTF-8 of at most `largest` bytes.
 
     `allowed` describes the right content in error messages.
@@ -207,7 +207,7 @@ def read_yaml(path: Path, kind: str = "YAML file", keys: Collection[str] = ()) -
         mapping or of another kind; a key occurs twice, a tag asks for more than plain data, an
         anchor contains itself, or the anchors expand to more than `LARGEST_EXPANSION` values.
     """
-    text = read_text(path, LARGEST_FILE, "YAML in UTF-8")
+    text = read_text(path, "YAML in UTF-8", LARGEST_FILE)
     try:
         return replace(_read_document(text, kind, tuple(keys)), file=path)
     except InputError as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -191,14 +191,10 @@ class DataSection(schema.Section):
         """File of the recording, or of its lengths."""
         return self.file if self.files is None else self.files.lengths
 
-    def in_run_file(self, run: Path | None) -> DataSection:
-        """Return the section with the names that its files have in a run file."""
-        files = self.files
-        if files is not None:
-            both = (name_in_run_file(run, file) for file in (files.lengths, files.forces))
-            files = DataFiles(**dict(zip(("lengths", "forces"), both, strict=True)))
-        file = self.file and name_in_run_file(run, self.file)
-        return self.model_copy(update={"file": file, "files": files})
+    def with_files(self, change: Callable[[str], str]) -> DataSection:
+        """Return the section with other names of its files, each the result of a function."""
+        files = self.files and DataFiles(**{key: change(file) for key, file in self.files})
+        return self.model_copy(update={"file": self.file and change(self.file), "files": files})
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -27,6 +27,7 @@ from expdesign.configuration.document import (
     read_yaml,
 )
 from expdesign.configuration.errors import InputError, Problem, collect
+from expdesign.configuration.experiment import ValidationMotion
 from expdesign.configuration.grid import grid_points
 from expdesign.configuration.robot import (
     ResolvedRobot,
@@ -283,21 +284,18 @@ def _complete(
     def with_prior(name: str, section: S) -> S:
         return section.model_copy(update={"prior": priors[name]}) if name in priors else section
 
-    def with_absolute_file(section: S) -> S:
-        if (files := getattr(section, "files", None)) is not None:
-            places = {key: str(absolute(file, document.folder)) for key, file in files}
-            return section.model_copy(update={"files": files.model_copy(update=places)})
-        if (file := getattr(section, "file", None)) is None:
-            return section
-        return section.model_copy(update={"file": str(absolute(file, document.folder))})
+    def place(file: str) -> str:
+        return str(absolute(file, document.folder))
+
+    def with_place(motion: ValidationMotion) -> ValidationMotion:
+        return motion.model_copy(update={"file": motion.file and place(motion.file)})
 
     machine = None if truth is None else truth.description
-    others = tuple(str(absolute(file, document.folder)) for file in run.design.others)
     design = with_prior("design", run.design)
     if isinstance(design.interest, TaskSection):
-        task = design.interest.model_copy(update={"task": with_absolute_file(design.interest.task)})
+        task = design.interest.model_copy(update={"task": with_place(design.interest.task)})
         design = design.model_copy(update={"interest": task})
-    design = design.model_copy(update={"others": others})
+    design = design.model_copy(update={"others": tuple(map(place, run.design.others))})
     complete = run.model_copy(
         update={
             "format": RUN_FORMAT,
@@ -309,8 +307,8 @@ def _complete(
             "design": _fill(design, smoothing=smoothing_widths(robot)),
             "estimate": with_prior("estimate", run.estimate),
             "experiment": run.experiment.model_copy(update={"truth": machine}),
-            "data": with_absolute_file(run.data),
-            "validation": tuple(map(with_absolute_file, run.validation)),
+            "data": run.data.with_files(place),
+            "validation": tuple(map(with_place, run.validation)),
         }
     )
     # model_copy marks updated fields as set, but only the user names stages.

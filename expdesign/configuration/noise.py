@@ -58,7 +58,6 @@ PAIRS = tuple((i, j) for i in range(ACTUATORS) for j in range(i))
 COHERENCIES = tuple(f"{part}_{i + 1}_{j + 1}" for i, j in PAIRS for part in ("real", "imaginary"))
 """Columns of a table: frequency, Hz; density of every channel, the square of its unit per Hz;
 optional amplitudes of hum lines and complex coherencies of every pair of channels."""
-_LARGEST_FILE = 4 * 1024 * 1024
 _MOST_ROWS = 500
 _MOST_COEFFICIENTS = 10
 _MOST_LINES = 100
@@ -290,7 +289,7 @@ def resolve_spectrum(
 
 def read_spectrum_table(path: Path) -> SpectrumTable:
     """Read a table of densities: commas between the columns, their names in the first line."""
-    text = read_text(path, _LARGEST_FILE, "a table with commas between the columns")
+    text = read_text(path, "a table with commas between the columns")
     names, *rows = [*csv.reader(io.StringIO(text))] or [[]]
     rows = [row for row in rows if row]
     place = {name.strip(): number for number, name in enumerate(names)}

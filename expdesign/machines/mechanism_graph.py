@@ -22,7 +22,6 @@ from expdesign.configuration.errors import InputError, quote
 from expdesign.machines.machine import Question, round_digits
 from expdesign.mechanism.bodies import ENTRIES, RigidBody, together
 
-_LARGEST = 4 * 1024 * 1024
 _DEEPEST = 100
 
 
@@ -76,7 +75,7 @@ class Element:
 
 def read_xml(file: Path, root: str) -> Element:
     """Return the root element of an XML file, of the name `root`."""
-    text = read_text(file, _LARGEST, "XML in UTF-8")
+    text = read_text(file, "XML in UTF-8")
     top = Element("", {}, file, 0)
     unclosed, parser = [top], expat.ParserCreate()
 

@@ -61,11 +61,7 @@ RATE_COLUMNS = _derived("d", "s", "rate")
 ACCELERATION_COLUMNS = _derived("dd", "s^2", "second time derivative")
 
 
-class _JsonOnly:
-    """Mark of a key of a JSON file that is no column of a table."""
-
-
-JSON_ONLY = _JsonOnly()
+JSON_ONLY = object()
 """Mark of a field of a row that is a key where rows are in a JSON file, and no column."""
 
 

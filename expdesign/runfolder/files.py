@@ -133,7 +133,7 @@ class MissingFileError(InputError):
 
 def read_mapping(path: Path, allowed: str = "a JSON file that expdesign wrote") -> dict[str, Any]:
     """Read a JSON file with a mapping at its top; anything else is an `InputError`."""
-    text = read_text(path, LARGEST_FILE, allowed)
+    text = read_text(path, allowed, LARGEST_FILE)
 
     def mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)

@@ -19,7 +19,6 @@ from expdesign.configuration import (
     InputError,
     RunConfiguration,
     load_run,
-    quote,
     resolved_yaml,
 )
 from expdesign.configuration.design import Effort
@@ -359,17 +358,12 @@ _ROOM = 2**20
 """Free bytes that a stage needs at its beginning; most stages write less."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
-_LONGEST_NAME, _LONGEST_PATH = 255, 3800
-"""Bytes of a folder's name, and of its whole path: what systems take, with room for the files."""
-
 
 def run_folder(configuration: RunConfiguration, out: Place | None) -> Path:
     """Return the run folder: the given one, or runs/<name> in the current folder."""
     if out is not None and not os.fspath(out):
         raise InputError("the text is empty", key="--out", allowed="the name of a folder")
-    folder = (Path("runs") / configuration.run.name if out is None else Path(out)).absolute()
-    refuse_long(folder)
-    return folder
+    return (Path("runs") / configuration.run.name if out is None else Path(out)).absolute()
 
 
 def current_configuration(configuration: RunConfiguration, folder: Path) -> RunConfiguration:
@@ -400,15 +394,6 @@ def keep_search(configuration: RunConfiguration, folder: Path) -> RunConfigurati
     return kept
 
 
-def refuse_long(folder: Path) -> None:
-    """Refuse a folder with a name that is too long for the system."""
-    longest = max(len(os.fsencode(part)) for part in folder.parts)
-    if longest > _LONGEST_NAME or len(os.fsencode(folder)) > _LONGEST_PATH:
-        message = f"{quote(folder.name)}: the name is too long"
-        named = f"{_LONGEST_NAME} bytes in each name, {_LONGEST_PATH} in all"
-        raise InputError(message, key="--out", allowed=named)
-
-
 def refuse_run_file(place: Path) -> None:
     """Refuse a run file, or the name of a run that ships, instead of a run folder."""
     if not (place.is_file() or str(place) in run_files()):
@@ -425,12 +410,11 @@ def refuse_run_file(place: Path) -> None:
 def refuse_unwritable(folder: Path) -> None:
     """Refuse a folder that cannot be written to, before the computation."""
     allowed = "a folder that is new, or may be written to"
-    refuse_long(folder)
-    for place in (folder, *folder.parents):
-        if place.is_symlink() and not place.exists():
-            raise InputError("the link leads nowhere", place, key="--out", allowed=allowed)
-    existing = next(path for path in (folder, *folder.parents) if path.exists())
     try:
+        for place in (folder, *folder.parents):
+            if place.is_symlink() and not place.exists():
+                raise InputError("the link leads nowhere", place, key="--out", allowed=allowed)
+        existing = next(path for path in (folder, *folder.parents) if path.exists())
         with TemporaryFile(dir=existing) as file:
             file.write(bytes(_ROOM))
             file.flush()

@@ -17,7 +17,6 @@ from expdesign.configuration.document import read_text
 from expdesign.configuration.errors import InputError
 from expdesign.machines.machine import MachineDraft, MachineFormat, Question, rows
 from expdesign.machines.readers.linuxcnc import (
-    LARGEST,
     IniFile,
     read_ini,
     real_end,
@@ -95,7 +94,7 @@ def _numbers(ini: IniFile, section: str, key: str, count: int) -> Array:
 
 
 def _claims(path: Path) -> bool:
-    return f"[{_SECTION}]" in read_text(path, LARGEST, "an INI file")
+    return f"[{_SECTION}]" in read_text(path, "an INI file")
 
 
 FORMAT = MachineFormat("Go Motion's INI", (".ini",), _read, _claims)

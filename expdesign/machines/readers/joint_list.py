@@ -21,7 +21,6 @@ from expdesign.configuration.quantity import LENGTH
 from expdesign.machines.machine import MachineDraft, MachineFormat, Question, rows
 from expdesign.mechanism.hexapod import ACTUATORS
 
-_LARGEST = 1024 * 1024
 _DEEPEST = 8
 _NAMES = {
     "base": re.compile(r"base|lower|bottom|fixed|ground|\b(a|aa|fa)\b"),
@@ -261,7 +260,7 @@ def _ungrouped(file: Path) -> dict[str, Any]:
     suffix = file.suffix.lower()
     if suffix in (".yaml", ".yml"):
         return dict(_flat(read_yaml(file).data))
-    text = read_text(file, _LARGEST, "text in UTF-8")
+    text = read_text(file, "text in UTF-8")
     if suffix == ".csv":
         try:
             return _table(text)

@@ -33,7 +33,6 @@ from expdesign.machines.writing import INERTIA
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.strut import ANGLES, FIXED_AXES
 
-LARGEST = 1024 * 1024
 _KINEMATICS = "genhexkins"
 _PREFIX = f"{_KINEMATICS}."
 _MOST_FILES = 20
@@ -98,7 +97,7 @@ def _hal_files(ini: IniFile, given: Sequence[Path]) -> tuple[list[Path], list[Qu
             if name.startswith("LIB:") or path.name in known:
                 continue
             if path.suffix == ".tcl" and path.is_file():
-                if _PREFIX in read_text(path, LARGEST, "LinuxCNC's Tcl file"):
+                if _PREFIX in read_text(path, "LinuxCNC's Tcl file"):
                     message = f"{name} names pins of {_KINEMATICS}: Tcl is not executed here"
                     raise entry.refusal(message, "setp lines in a HAL file")
             elif path.is_file() and not given:
@@ -525,7 +524,7 @@ class IniFile:
 
 def read_ini(file: Path) -> IniFile:
     """Return the entries of an INI file; refuse a line that is none."""
-    text = read_text(file, LARGEST, "an INI file")
+    text = read_text(file, "an INI file")
     sections: dict[str, dict[str, tuple[Entry, ...]]] = {}
     section: dict[str, tuple[Entry, ...]] | None = None
     name = ""
@@ -562,7 +561,7 @@ class _Pins:
 
     def read(self, file: Path, above: tuple[Path, ...] = ()) -> None:
         """Execute a HAL file; `above` are the files that execute it."""
-        text = read_text(file, LARGEST, "LinuxCNC's HAL file")
+        text = read_text(file, "LinuxCNC's HAL file")
         self.execute(file, _lines(text), (*above, file.resolve()))
 
     def execute(
