@@ -151,9 +151,9 @@ _Interest = Annotated[
     Discriminator(lambda value: "(names)" if isinstance(value, list | tuple) else "(inline)"),
 ]
 _Priors = Annotated[
-    Annotated[RobotSource, Tag("(one)")]
-    | Annotated[tuple[RobotSource, ...], at_least(1, "priors"), Tag("(several)")],
-    Discriminator(lambda value: "(several)" if isinstance(value, list | tuple) else "(one)"),
+    Annotated[RobotSource, Tag("(inline)")]
+    | Annotated[tuple[RobotSource, ...], at_least(1, "priors"), Tag("(names)")],
+    Discriminator(lambda value: "(names)" if isinstance(value, list | tuple) else "(inline)"),
 ]
 PAYLOAD = "payload"
 _PLATFORM = [parameter.name for parameter in rigid_platform.GENERAL.parameters]

@@ -12,7 +12,7 @@ from fnmatch import fnmatch
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Protocol
 
 from expdesign.configuration import RunConfiguration
 from expdesign.runfolder.fields import described
@@ -142,18 +142,12 @@ class Manifest(JsonFile):
         )
 
 
-@dataclass(frozen=True)
-class WatchedStage:
-    """Files of a stage, and hashes of its sections of `run.yaml`."""
+class WatchedStage(Protocol):
+    """A stage, such as `Stage`: its file, patterns of further files, and sections of the run."""
 
     file: str
-    """File without which a folder does not hold the stage."""
     writes: tuple[str, ...]
-    """Patterns of further files."""
-    sections: str
-    """Of the sections that the stage depends on."""
-    shared_sections: str
-    """Of these without the stage's own, for files that a command has added."""
+    sections: Mapping[str, Any] | None
 
 
 @dataclass(frozen=True)
@@ -178,7 +172,10 @@ class FolderChanges:
 
 
 def find_changes(
-    folder: Path, manifest: Manifest | None, stages: Mapping[str, WatchedStage]
+    folder: Path,
+    manifest: Manifest | None,
+    stages: Mapping[str, WatchedStage],
+    configuration: RunConfiguration,
 ) -> FolderChanges:
     """Return the changes in a run folder that none of its commands has made."""
     if manifest is None:
@@ -208,7 +205,9 @@ def find_changes(
         if stage.file not in made:
             texts.append(f"{stage.file} was made by hand")
         for file, inputs in sources.items():
-            sections = stage.sections if file == stage.file else stage.shared_sections
+            # The stage's own section is not that of a file that a command has added.
+            own_section = "" if file == stage.file else name
+            sections = sections_hash(configuration, stage.sections, without=own_section)
             texts += _changed_since(folder, file, inputs, sections)
         found[name] = tuple(dict.fromkeys(texts))
     shown = {file: d for file, d in manifest.files.items() if file.startswith(_SHOWN)}

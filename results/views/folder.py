@@ -16,7 +16,6 @@ from expdesign.runfolder.manifest import (
     StageEntry,
     WatchedStage,
     find_changes,
-    sections_hash,
 )
 from results.views.view import (
     Block,
@@ -41,7 +40,7 @@ class StageViews:
     are counted, and whether costs are left out that take long; None: of the views' facts."""
 
 
-class ViewedStage(Protocol):
+class ViewedStage(WatchedStage, Protocol):
     """A stage with its view, such as a `Stage`.
 
     A folder without its `file` does not hold the stage; `writes` has patterns of its other files.
@@ -49,10 +48,7 @@ class ViewedStage(Protocol):
     not compared.
     """
 
-    file: str
-    writes: tuple[str, ...]
     compared: str
-    sections: Mapping[str, Any] | None
 
     def views(self) -> StageViews:
         """Return the type of the stored result, its view and its comparison."""
@@ -106,16 +102,7 @@ class RunFolder:
     @cached_property
     def changes(self) -> FolderChanges:
         """Changes by hand of the files."""
-        watched = {
-            name: WatchedStage(
-                stage.file,
-                stage.writes,
-                sections_hash(self.configuration, stage.sections),
-                sections_hash(self.configuration, stage.sections, without=name),
-            )
-            for name, stage in self.stages.items()
-        }
-        return find_changes(self.path, self.manifest, watched)
+        return find_changes(self.path, self.manifest, self.stages, self.configuration)
 
     def view(self, stage: str) -> StageView:
         """Return the view of a stage; that of changed files or inputs without its claims.

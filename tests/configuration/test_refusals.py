@@ -127,6 +127,8 @@ trajectory: {controller_period: 2 s} => trajectory.controller_period => controll
 trajectory: {controller_period: 0} => trajectory.controller_period => 0 is not positive
 trajectory: 5 => trajectory => 5 is not a mapping
 trajectory: [1] => trajectory => a list of 1 is not a mapping
+design: {prior: ""} => design.prior => the text is empty
+design: {prior: [palida, ""]} => design.prior[2] => the text is empty
 design: {criterion: D} => design.criterion => 'D' is not a choice
 design: {criterion: [d]} => design.criterion => a list of 1 is not a choice
 design: {search: hoping} => design.search => 'hoping' is not a choice
