@@ -1,7 +1,7 @@
 """Files of a run folder: complete or absent when written, checked for their format when read.
 
-A file is written under a temporary name in the same folder and then renamed. Who holds the lock of
-a run folder may remove what others have left there under such names.
+A file is written under a temporary name in the same folder and then renamed. A command with the
+lock of a run folder removes the temporary files of earlier commands that were killed.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ TEMPORARY = ".expdesign-temporary-"
 """Beginning of the names of temporary files and folders."""
 
 _ABANDONED = 24 * 3600.0
-"""s. Files are written in seconds: after a day nobody writes a temporary file any more."""
+"""s. Files are written in seconds: a temporary file that is a day old is abandoned."""
 
 
 @contextmanager
