@@ -148,7 +148,7 @@ class Activity:
 
     @contextmanager
     def show_instead(self, picture: Callable[[], RenderableType]) -> Iterator[None]:
-        """Show another picture in place of the bar."""
+        """Replace the bar by another picture."""
         self._picture = picture
         try:
             yield
