@@ -193,10 +193,11 @@ def enclose_table(table: ExecutedTable, *, piece: bool = False) -> EnclosedMotio
         if piece or np.any(np.abs(table.motion.sample(0.0).pose[0] - table.robot.home) > AT_HOME):
             return _led_from_home(table, path)
         return StrutPath(table.robot, path, lambda times: table.motion.sample(times).pose)
-    turns = table.turns
-    if linear:
-        return PoseLines(table.robot, path, turns, fixed=axes.fixed)
-    return PosePath(path.translate(turns))
+    if linear and axes.fixed:
+        begin = table.motion.sample(rows.times[:1]).pose[0]
+        return PoseLines(table.robot, path, middle=begin[3:])
+    path = path.translate(table.turns)
+    return PoseLines(table.robot, path) if linear else PosePath(path)
 
 
 def _led_from_home(table: ExecutedTable, path: PiecewisePolynomials) -> StrutPath:
@@ -237,11 +238,10 @@ class PoseLines:
 
     robot: Robot
     path: PiecewisePolynomials
-    """m and rad, the angles as the controller counts them."""
-    turns: Array
-    """(6,), whole turns of the pose's angles that the controller does not count, rad."""
-    fixed: bool
-    """Whether the angles are roll, pitch and yaw about fixed axes."""
+    """m and rad."""
+    middle: Array | None = None
+    """(3,), rad, of angles that are roll, pitch and yaw about fixed axes: φ, θ, ψ are within half
+    a turn of it. None: they are φ, θ, ψ."""
 
     @property
     def breaks(self) -> Array:
@@ -258,13 +258,10 @@ class PoseLines:
 
     def _pose(self, edges: Array) -> list[TaylorModel]:
         models = self.path.over(edges)
-        if self.fixed:
-            models[3:] = _moving_angles()([models[3:]])[0]
-        turns = [
-            TaylorModel(np.full((1, 1), turn), np.full(1, 2 * EPS * abs(turn)))
-            for turn in self.turns
-        ]
-        return [a + b for a, b in zip(models, turns, strict=True)]
+        if self.middle is not None:
+            middle = [TaylorModel.number(angle) for angle in self.middle]
+            models[3:] = _moving_angles()([models[3:], middle])[0]
+        return models
 
     @cached_property
     def _mean_speeds(self) -> list[TaylorModel]:
@@ -288,5 +285,5 @@ def _among(model: TaylorModel, cells: NDArray[np.intp] | slice) -> TaylorModel:
 
 @cache
 def _moving_angles() -> EnclosedFunction:
-    fixed, angles = moving_angles()
-    return EnclosedFunction([fixed], [angles])
+    fixed, middle, angles = moving_angles()
+    return EnclosedFunction([fixed, middle], [angles])

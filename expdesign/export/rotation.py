@@ -32,17 +32,19 @@ def from_roll_pitch_yaw(fixed: Array) -> Array:
 
 
 @cache
-def moving_angles() -> tuple[ca.SX, ca.SX]:
-    """Return roll, pitch and yaw, (3, 1), and what φ, θ, ψ are then, each within half a turn."""
-    fixed = ca.SX.sym("fixed", 3)
+def moving_angles() -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return roll, pitch and yaw, middles of φ, θ, ψ, and φ, θ, ψ within half a turn of them.
+
+    All are columns of three, rad.
+    """
+    fixed, middle = ca.SX.sym("fixed", 3), ca.SX.sym("middle", 3)
     # Rz(C) Ry(B) Rx(A) is the transpose of Rx(−A) Ry(−B) Rz(−C).
     rotation = rotation_matrix(-fixed).T
-    cosine = ca.hypot(rotation[0, 0], rotation[0, 1])
-    return fixed, ca.vertcat(
-        ca.atan2(-rotation[1, 2], rotation[2, 2]),
-        ca.atan2(rotation[0, 2], cosine),
-        ca.atan2(-rotation[0, 1], rotation[0, 0]),
-    )
+    sine = ca.vertcat(-rotation[1, 2], rotation[0, 2], -rotation[0, 1])
+    level = ca.hypot(rotation[0, 0], rotation[0, 1])
+    cosine = ca.vertcat(rotation[2, 2], level, rotation[0, 0])
+    c, s = ca.cos(middle), ca.sin(middle)
+    return fixed, middle, middle + ca.atan2(sine * c - cosine * s, cosine * c + sine * s)
 
 
 def quaternions(angles: Array) -> Array:

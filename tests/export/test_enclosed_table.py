@@ -6,12 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from expdesign.configuration import export_section
+from expdesign.configuration import export_section, load_run
 from expdesign.export.certification import certify_table, enclose_table
 from expdesign.export.definition import Rows
 from expdesign.export.execution import ExecutedTable
 from expdesign.export.exporting import resolve_settings
 from expdesign.export.row_times import divided_times, ideal_rows
+from expdesign.robot import load_robot, robot_from
+from expdesign.trajectory import FourierTrajectory
 from tests.export.motions import spline_motion_of, task
 
 STRUTS = {"sign": (1, -1, 1, 1, -1, 1), "order": (2, 1, 4, 3, 6, 5), "offset": "home"}
@@ -35,8 +37,27 @@ def small_task():
     return replace(about, motion=spline_motion_of(about.robot, trajectory))
 
 
-def executed(kind, step=1e-2, rounded=True):
-    settings = resolve_settings(export_section(**TABLES[kind]), small_task())
+@cache
+def turned_task():
+    """Return a task about a home pose with ψ = 180°, of which roll, pitch and yaw jump there."""
+    mapping = load_robot("linuxcnc").description.description.model_dump(mode="json", by_alias=True)
+    mapping["platform_joints"] = [[-x, -y, z] for x, y, z in mapping["platform_joints"]]
+    mapping["home"][5] = np.pi
+    mapping["limits"]["rotation"] = {"psi": [np.pi - 0.4, np.pi + 0.4]}
+    robot = robot_from(load_run({"name": "turned", "robot": mapping}).robot)
+    sine = np.array([0.03, 0.02, 0.01, 0.05, 0.05, 0.1])[:, None]
+    trajectory = FourierTrajectory.from_displacements(2.0, robot.home, sine, 0.5 * sine)
+    motion = spline_motion_of(robot, trajectory)
+    return replace(
+        task(),
+        robot=robot,
+        motion=motion,
+        force_covariance=robot.description.noise.force_covariance,
+    )
+
+
+def executed(kind, step=1e-2, rounded=True, about=None):
+    settings = resolve_settings(export_section(**TABLES[kind]), about or small_task())
     motion = settings.task.motion
     rows = ideal_rows(settings, divided_times(motion, [step] * len(motion.segments)))
     if rounded and settings.digits is not None:
@@ -44,9 +65,14 @@ def executed(kind, step=1e-2, rounded=True):
     return ExecutedTable.of(settings, rows)
 
 
-@pytest.mark.parametrize("kind", TABLES)
-def test_what_is_executed_is_within_what_is_proved(kind):
-    table = executed(kind)
+ABOUT = [(kind, small_task) for kind in TABLES]
+ABOUT += [(kind, turned_task) for kind in TABLES if TABLES[kind].get("space") == "pose"]
+ABOUT += [(kind, turned_task) for kind in ("lines of poses", "lines of roll, pitch, yaw")]
+
+
+@pytest.mark.parametrize(("kind", "about"), ABOUT)
+def test_what_is_executed_is_within_what_is_proved(kind, about):
+    table = executed(kind, about=about())
     motion = enclose_table(table)
     rng = np.random.default_rng(0)
     places = np.sort(rng.choice(len(motion.breaks) - 1, 60, replace=False))
@@ -69,15 +95,13 @@ def test_what_is_executed_is_within_what_is_proved(kind):
             assert np.all(np.abs(model.at(tau) - column) <= model.radius + computed)
 
 
-@pytest.mark.parametrize("kind", TABLES)
-def test_a_table_that_keeps_its_limits_is_certified(kind):
-    found = certify_table(executed(kind))
+@pytest.mark.parametrize(("kind", "about"), ABOUT)
+def test_a_table_that_keeps_its_limits_is_certified(kind, about):
+    found = certify_table(executed(kind, about=about()))
 
     assert found.certified
     assert bool(found.sampled) == kind.startswith("lines")
-    assert [limit.key for limit in found.limits] == [
-        limit.key for limit in small_task().robot.limits
-    ]
+    assert [limit.key for limit in found.limits] == [limit.key for limit in about().robot.limits]
 
 
 @pytest.mark.parametrize("kind", ["cubic struts", "cubic poses", "quintic struts"])
