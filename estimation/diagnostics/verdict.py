@@ -45,6 +45,10 @@ _EXPLAINED = Assumption(
 _UNLISTED = replace(
     _EXPLAINED, contradiction="something that is not in the list acts on the forces"
 )
+_JITTER = (
+    "the noise of the lengths depends on the speed: look for jitter of the sampling, which also "
+    "smooths the jumps of dry friction"
+)
 _MOSTLY = 0.3
 """Share of the unexplained forces from which an actuator, or a state of the struts, is named."""
 _STATES_SHOWN = 2
@@ -328,7 +332,12 @@ def _bias(diagnosis: AttributedDiagnosis, *, wrong_channels: bool) -> Finding:
         return _EXPLAINED.fails("; ".join(parts), p, level, where, "correct the channels first")
     where = ", ".join(filter(None, [where, *_name_states(low.shares)]))
     added = join_words(each.noun for each in attribution.hypotheses if each.modelled)
-    advice = f"{_UNLISTED.advice}; {added} in the model may only imitate one" if added else ""
+    advice = _UNLISTED.advice
+    if added:
+        advice += f"; {added} in the model may only imitate one"
+    lengths = tests.normality.lengths
+    if lengths is not None and lengths.size_over == "speed":
+        advice += f"; {_JITTER}"
     finding = _UNLISTED.fails("; ".join(parts), p, level, where, advice)
     return finding if biased else replace(finding, p=None, level=None)
 

@@ -11,6 +11,7 @@ from estimation.data.measurement import Measurement
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.finding import Status
 from estimation.diagnostics.residuals import harmonic_lack_of_fit
+from estimation.diagnostics.verdict import experiment_findings
 from tests.diagnostics.conftest import HARMONICS, Laboratory
 
 
@@ -85,6 +86,17 @@ def test_an_effect_outside_the_list_is_not_named():
     imitations = [f for f in result.verdict.failed if "may only imitate" in f.sentence]
     assert not any(f.serious for f in imitations)
     assert not any("add `" in f.advice for f in imitations)
+    assert "jitter" not in finding.advice
+    # Lengths whose noise depends on the speed point to the clock.
+    normality = recording.tests.normality
+    lengths = replace(normality.lengths, size_over="speed")
+    tests = replace(recording.tests, normality=replace(normality, lengths=lengths))
+    (finding,) = (
+        f
+        for f in experiment_findings(replace(recording, tests=tests))
+        if f.assumption == finding.assumption
+    )
+    assert "look for jitter of the sampling" in finding.advice
 
 
 def test_the_state_of_an_unlisted_force_is_named():
