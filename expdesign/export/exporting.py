@@ -86,7 +86,7 @@ def _remedy(check: ReadBack, settings: Settings) -> str:
     ways = [short if section.segment is None else f"no segment, or {short}"]
     if settings.digits is not None and (section.digits is not None or section.segment is None):
         ways.append("more digits")
-    if len(check.failures) == 1 and not check.deviation.position <= settings.tolerance:
+    if len(check.failures) == 1 and not check.position_error <= settings.tolerance:
         # What else is beyond, a limit of the robot or the information, it does not change.
         ways.append("a larger tolerance")
     return f"{', or '.join(ways)} may help"
@@ -98,7 +98,7 @@ def _remedy_of_counts(check: ReadBack, settings: Settings) -> str:
     Straight lines leave the distance a h²/8 between rows h apart, and rounding by e changes the
     accelerations a at the rows by up to 4 e/h².
     """
-    off, step = check.deviation.position, settings.step or 0.0
+    off, step = check.position_error, settings.step or 0.0
     rounding = settings.half_unit / float(np.min(np.abs(settings.axes.factor)))
     if not off <= settings.tolerance and rounding > settings.tolerance:
         return "finer counts may help: their rounding is beyond the tolerance"

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BeforeValidator, PlainSerializer
 
 from expdesign.export.certification import (
     LIMIT_SHARE,
@@ -29,9 +31,9 @@ from expdesign.export.repetition import shorten
 from expdesign.export.row_times import SHARE, ideal_rows, whole_motion
 from expdesign.export.whole_table import controller_faults, find_faults
 from expdesign.progress import track
-from expdesign.recheck.limit_check import LimitCheck, range_share_in_words
+from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, range_share_in_words
 from expdesign.robot import ForwardKinematicsError
-from expdesign.runfolder.fields import described
+from expdesign.runfolder import OpenNumber, described
 
 STD_SHARE = 0.01
 """Largest change of a predicted standard deviation, as a share of it."""
@@ -68,54 +70,140 @@ class ControllerCheck:
     ]
 
 
-@dataclass(frozen=True)
-class ReadBack:
-    """Result of executing a file."""
+def _limit_keys(tolerance: float) -> Callable[[Iterable[LimitCheck]], dict[str, Any]]:
+    def write(checks: Iterable[LimitCheck]) -> dict[str, Any]:
+        found = {}
+        for check in checks:
+            columns = asdict(check)
+            for name in ("key", "title", "origin"):
+                del columns[name]
+            judged = {"tolerance": tolerance, "kept": check.kept, "certified": check.certified}
+            found[check.key] = columns | judged
+        return found
 
-    rows: int = 0
-    points: int = 0
-    """Number of points of the grid of the execution."""
-    shortest_step: float = np.nan
-    longest_step: float = np.nan
+    return write
+
+
+def _limit_rows(limits: object) -> object:
+    if not isinstance(limits, dict):
+        return limits
+    return [
+        {"key": key, "title": key, "origin": "", **value} if isinstance(value, dict) else value
+        for key, value in limits.items()
+    ]
+
+
+# In the file the limits are keys, each with its tolerance and verdict.
+LimitsOfMotion = Annotated[
+    tuple[LimitCheck, ...], BeforeValidator(_limit_rows), PlainSerializer(_limit_keys(TOLERANCE))
+]
+_LimitsOfTable = Annotated[
+    tuple[LimitCheck, ...], BeforeValidator(_limit_rows), PlainSerializer(_limit_keys(LIMIT_SHARE))
+]
+
+
+@dataclass(frozen=True)
+class TableTolerances:
+    """Tolerances of the check of a table."""
+
+    position: Annotated[float, described("m", "of a strut's length")]
+    acceleration_and_force_share: Annotated[float, described("1", "of the limits' range")] = SHARE
+    limit_share: Annotated[float, described("1", "of a limit's range")] = LIMIT_SHARE
+    log_det: Annotated[float, described("1", "of log det F")] = LOG_DET_CHANGE
+    std_share: Annotated[float, described("1", "of a predicted standard deviation")] = STD_SHARE
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableCheck:
+    """Deviations of a table, executed as its controller does, from the design, and its limits."""
+
+    points: Annotated[int, described("1", "points of the grid in time")]
+    row_error: Annotated[float, described("1", "largest error of a row, half units of last digit")]
+    position_error: Annotated[float, described("m", "largest deviation of a strut's length")]
+    velocity_error: Annotated[float, described("m/s", "largest deviation of a strut's speed")]
+    acceleration_error_share: Annotated[
+        OpenNumber, described("1", "of the limit's range; null without the limit")
+    ]
+    force_error_share: Annotated[
+        OpenNumber, described("1", "of the limit's range; null without the limit")
+    ]
+    limits: Annotated[
+        _LimitsOfTable,
+        described("", "by limit the columns of tables/limits.csv, tolerance, kept and certified"),
+    ]
+    information: Annotated[
+        InformationChange | None,
+        described(
+            "",
+            "`samples`, `log_det_design`, `log_det_change`, `std_change` as a share, and the "
+            "`parameter` with it; null without noise",
+        ),
+    ]
+    controller: Annotated[
+        ControllerCheck | None,
+        described("", "commanded motion of a controller that plans between the rows; else null"),
+    ]
+    tolerances: Annotated[TableTolerances, described("", "the tolerances of the check")]
+    limits_in_words: Annotated[str, described("", "the verdict on the limits")]
+    broken: Annotated[
+        tuple[str, ...], described("", "limits that the machine breaks with this table, in words")
+    ]
+    certified: Annotated[
+        bool, described("", "all limits but the `sampled` are proved for every instant")
+    ]
+    sampled: Annotated[
+        tuple[str, ...], described("", "limits that straight lines leave undefined between rows")
+    ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadBack(TableCheck):
+    """A file that was read again and executed."""
+
+    rows: int
+    shortest_step: float
+    longest_step: float
     """Shortest and longest time between two rows, s."""
-    duration: float = np.nan
-    trigger: tuple[float, float] | None = None
+    duration: float
+    trigger: tuple[float, float] | None
     """When the output of a trigger is switched on and off, s."""
-    row_error: float = np.nan
-    """Largest difference between a value in the file and the design at the time that the file
-    states, in half units of the last digit (of a rounding error, where all are written)."""
-    deviation: TableDeviation = field(default_factory=TableDeviation)
-    certificate: PathCertificate = field(default_factory=lambda: PathCertificate(()))
-    """The limits, and what is proved of them."""
-    information: InformationChange | None = None
-    """None without noise, or where the file could not be executed."""
-    controller: ControllerCheck | None = None
-    """None for a controller that moves on the format's interpolation."""
-    single_cycles: tuple[str, ...] = ()
-    """Limits that are exceeded in single cycles of such a controller, in words."""
+    position_time: float = 0.0
+    """When the deviation of a length is largest, s."""
     failures: tuple[str, ...] = ()
     """Excesses over tolerances, in words; empty when the file is good."""
-
-    @property
-    def limits(self) -> tuple[LimitCheck, ...]:
-        """The worst moment of every limit."""
-        return self.certificate.limits
-
-    @property
-    def broken(self) -> tuple[str, ...]:
-        """The limits that the machine breaks if it executes the file, in words."""
-        return (*map(excess_in_words, self.certificate.broken), *self.single_cycles)
 
 
 def read_back(path: Path, settings: Settings) -> ReadBack:
     """Read a file, execute it as its controller does, and hold it against design and limits."""
     task = settings.task
+    found = ReadBack(
+        rows=0,
+        shortest_step=np.nan,
+        longest_step=np.nan,
+        duration=np.nan,
+        trigger=None,
+        points=0,
+        row_error=np.nan,
+        position_error=0.0,
+        velocity_error=0.0,
+        acceleration_error_share=np.nan,
+        force_error_share=np.nan,
+        limits=(),
+        information=None,
+        controller=None,
+        tolerances=TableTolerances(settings.tolerance),
+        limits_in_words="",
+        broken=(),
+        certified=False,
+        sampled=(),
+    )
     try:
         rows = settings.form.read(path, settings)
     except TableError as error:
-        return ReadBack(failures=(f"the file cannot be read: {error}",))
+        return replace(found, failures=(f"the file cannot be read: {error}",))
     steps = np.diff(rows.times)
-    found = ReadBack(
+    found = replace(
+        found,
         rows=rows.count,
         shortest_step=float(steps.min()),
         longest_step=float(steps.max()),
@@ -124,9 +212,8 @@ def read_back(path: Path, settings: Settings) -> ReadBack:
     )
     if rows.repeated:
         settings = shorten(settings)
-    apart, wrong_rows = _row_error(rows, settings)
+    apart, failures = _row_error(rows, settings)
     found = replace(found, row_error=apart)
-    failures = wrong_rows
     try:
         table = ExecutedTable.of(settings, rows)
     except TableError as error:
@@ -140,8 +227,8 @@ def read_back(path: Path, settings: Settings) -> ReadBack:
         if trigger is not None:
             on, off = (time - table.rows.times[0] for time in trigger)
             trigger = float(on), float(off)
-        single = tuple(single_cycle_faults(table))
-        found = replace(found, controller=check, trigger=trigger, single_cycles=single)
+        broken = tuple(single_cycle_faults(table))
+        found = replace(found, controller=check, trigger=trigger, broken=broken)
         failures += controller_faults(table)
     try:
         found = _add_execution(found, table)
@@ -197,8 +284,21 @@ def _add_execution(found: ReadBack, table: ExecutedTable) -> ReadBack:
             # Of the rows only what has no value between them: accelerations and forces.
             at_rows = deviation(table, times, table.smoothed(times), forces=True)
             worst = worst.with_worse(replace(at_rows, position=0.0, velocity=0.0))
-    worst = replace(worst, position_time=float(table.rows.true_times(worst.position_time)))
-    return replace(found, points=len(grid), deviation=worst, certificate=certify_table(table))
+    certificate = certify_table(table)
+    return replace(
+        found,
+        points=len(grid),
+        position_error=worst.position,
+        position_time=float(table.rows.true_times(worst.position_time)),
+        velocity_error=worst.velocity,
+        acceleration_error_share=worst.acceleration,
+        force_error_share=worst.force,
+        limits=certificate.limits,
+        limits_in_words=limits_in_words(certificate),
+        broken=(*map(excess_in_words, certificate.broken), *found.broken),
+        certified=certificate.certified,
+        sampled=certificate.sampled,
+    )
 
 
 def check_controller(table: ExecutedTable) -> ControllerCheck:
@@ -259,18 +359,21 @@ def _proof_in_words(certificate: PathCertificate) -> str:
 
 def _beyond(found: ReadBack, table: ExecutedTable, settings: Settings) -> list[str]:
     failures = []
-    off = found.deviation
-    if not off.position <= settings.tolerance:
+    if not found.position_error <= settings.tolerance:
         failures.append(
-            f"a strut is {1e6 * off.position:.3g} µm from the design at {off.position_time:.4f} s, "
-            f"more than the tolerance of {1e6 * settings.tolerance:.3g} µm"
+            f"a strut is {1e6 * found.position_error:.3g} µm from the design at "
+            f"{found.position_time:.4f} s, more than the tolerance of "
+            f"{1e6 * settings.tolerance:.3g} µm"
         )
     if table.interpolation is not Interpolation.LINEAR and settings.section.segment is None:
         # With a stated segment time only the limits count: a closer path is not possible.
         failures += [
             f"the {what} is {100 * share:.2g} % of its limit's range from the design, more than "
             f"{100 * SHARE:g} %"
-            for what, share in (("acceleration", off.acceleration), ("force", off.force))
+            for what, share in (
+                ("acceleration", found.acceleration_error_share),
+                ("force", found.force_error_share),
+            )
             if share > SHARE
         ]
     failures += [

@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import BeforeValidator, Field, PlainSerializer
+from pydantic import Field
 
 from constraints.arrays import Array
-from expdesign.export.certification import LIMIT_SHARE
 from expdesign.export.definition import Task
-from expdesign.export.execution import InformationChange
 from expdesign.export.exporting import Export
-from expdesign.export.read_back import (
-    LOG_DET_CHANGE,
-    STD_SHARE,
-    ControllerCheck,
-    ReadBack,
-    limits_in_words,
-)
-from expdesign.export.row_times import SHARE
+from expdesign.export.read_back import LimitsOfMotion, TableCheck
 from expdesign.mechanism.hexapod import COORDINATE_NAMES, actuator_names
 from expdesign.motion.executable import ExecutableMotion, LeadRamps, lead_ramps
-from expdesign.recheck.limit_check import TOLERANCE, LimitCheck, Unlimited, unlimited
-from expdesign.runfolder import JsonFile, OpenNumber, described
+from expdesign.recheck.limit_check import Unlimited, unlimited
+from expdesign.runfolder import JsonFile, described
 from expdesign.templates import text_templates
 from expdesign.trajectory import FourierTrajectory
 
@@ -34,38 +25,6 @@ FOLDER, RECORD, README = "exports", "exports.json", "README.txt"
 
 _POINTS = 4001
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-
-
-def _limit_keys(tolerance: float) -> Callable[[Iterable[LimitCheck]], dict[str, Any]]:
-    def write(checks: Iterable[LimitCheck]) -> dict[str, Any]:
-        found = {}
-        for check in checks:
-            columns = asdict(check)
-            for name in ("key", "title", "origin"):
-                del columns[name]
-            judged = {"tolerance": tolerance, "kept": check.kept, "certified": check.certified}
-            found[check.key] = columns | judged
-        return found
-
-    return write
-
-
-def _limit_rows(limits: object) -> object:
-    if not isinstance(limits, dict):
-        return limits
-    return [
-        {"key": key, "title": key, "origin": "", **value} if isinstance(value, dict) else value
-        for key, value in limits.items()
-    ]
-
-
-# In the file the limits are keys, each with its tolerance and verdict.
-_LimitsOfMotion = Annotated[
-    tuple[LimitCheck, ...], BeforeValidator(_limit_rows), PlainSerializer(_limit_keys(TOLERANCE))
-]
-_LimitsOfTable = Annotated[
-    tuple[LimitCheck, ...], BeforeValidator(_limit_rows), PlainSerializer(_limit_keys(LIMIT_SHARE))
-]
 
 
 @dataclass(frozen=True)
@@ -103,7 +62,7 @@ class ExportedMotion:
         described("", "every limit is proved for every instant; null: not checked"),
     ] = field(compare=False)
     limits: Annotated[
-        _LimitsOfMotion | None,
+        LimitsOfMotion | None,
         described("", "by limit the columns of tables/limits.csv, tolerance, kept and certified"),
     ] = field(compare=False)
 
@@ -146,60 +105,6 @@ class TableAxis:
     unit: Annotated[str, described("", "unit of its values")]
     moves: Annotated[str, described("", "coordinate or strut that it moves")]
     start: Annotated[float, described("see unit", "position at home")]
-
-
-@dataclass(frozen=True)
-class TableTolerances:
-    """Tolerances of the check of a table."""
-
-    position: Annotated[float, described("m", "of a strut's length")]
-    acceleration_and_force_share: Annotated[float, described("1", "of the limits' range")] = SHARE
-    limit_share: Annotated[float, described("1", "of a limit's range")] = LIMIT_SHARE
-    log_det: Annotated[float, described("1", "of log det F")] = LOG_DET_CHANGE
-    std_share: Annotated[float, described("1", "of a predicted standard deviation")] = STD_SHARE
-
-
-@dataclass(frozen=True)
-class TableCheck:
-    """Deviations of a table, executed as its controller does, from the design, and its limits."""
-
-    points: Annotated[int, described("1", "points of the grid in time")]
-    row_error: Annotated[float, described("1", "largest error of a row, half units of last digit")]
-    position_error: Annotated[float, described("m", "largest deviation of a strut's length")]
-    velocity_error: Annotated[float, described("m/s", "largest deviation of a strut's speed")]
-    acceleration_error_share: Annotated[
-        OpenNumber, described("1", "of the limit's range; null without the limit")
-    ]
-    force_error_share: Annotated[
-        OpenNumber, described("1", "of the limit's range; null without the limit")
-    ]
-    limits: Annotated[
-        _LimitsOfTable,
-        described("", "by limit the columns of tables/limits.csv, tolerance, kept and certified"),
-    ]
-    information: Annotated[
-        InformationChange | None,
-        described(
-            "",
-            "`samples`, `log_det_design`, `log_det_change`, `std_change` as a share, and the "
-            "`parameter` with it; null without noise",
-        ),
-    ]
-    controller: Annotated[
-        ControllerCheck | None,
-        described("", "commanded motion of a controller that plans between the rows; else null"),
-    ]
-    tolerances: Annotated[TableTolerances, described("", "the tolerances of the check")]
-    limits_in_words: Annotated[str, described("", "the verdict on the limits")]
-    broken: Annotated[
-        tuple[str, ...], described("", "limits that the machine breaks with this table, in words")
-    ]
-    certified: Annotated[
-        bool, described("", "all limits but the `sampled` are proved for every instant")
-    ]
-    sampled: Annotated[
-        tuple[str, ...], described("", "limits that straight lines leave undefined between rows")
-    ]
 
 
 @dataclass(frozen=True)
@@ -253,7 +158,8 @@ def exported_table(export: Export) -> ExportedTable:
         longest_step=check.longest_step,
         duration=check.duration,
         interpolation=form.interpolation.value,
-        read_back=_table_check(check, settings.tolerance),
+        # Without what the check knows of the file alone.
+        read_back=TableCheck(**{one.name: getattr(check, one.name) for one in fields(TableCheck)}),
         scale=settings.section.factor,
         companions=tuple(path.name for path in export.companions),
         trigger=check.trigger,
@@ -300,26 +206,6 @@ def _guide(export: Export) -> str:
 def join_words(text: str) -> str:
     """Return a paragraph of a template as one line."""
     return " ".join(text.split()).replace(" ;", ";").replace(" .", ".")
-
-
-def _table_check(check: ReadBack, tolerance: float) -> TableCheck:
-    off, certificate = check.deviation, check.certificate
-    return TableCheck(
-        points=check.points,
-        row_error=check.row_error,
-        position_error=off.position,
-        velocity_error=off.velocity,
-        acceleration_error_share=off.acceleration,
-        force_error_share=off.force,
-        limits=check.limits,
-        information=check.information,
-        controller=check.controller,
-        tolerances=TableTolerances(tolerance),
-        limits_in_words=limits_in_words(certificate),
-        broken=check.broken,
-        certified=certificate.certified,
-        sampled=certificate.sampled,
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,8 +132,8 @@ def _assert_sound(check, key, work):
         assert abs(check.information.log_det_change) < 0.25
         assert abs(check.information.std_change) < 0.02
         return
-    assert check.deviation.position < 1e-6
-    assert max(check.deviation.acceleration, check.deviation.force) <= 1e-3
+    assert check.position_error < 1e-6
+    assert max(check.acceleration_error_share, check.force_error_share) <= 1e-3
     assert abs(check.information.log_det_change) < 0.01
     assert abs(check.information.std_change) < 0.001
 

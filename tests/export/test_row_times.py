@@ -35,7 +35,7 @@ def test_rows_on_straight_lines_are_put_closer_until_they_keep_the_tolerance(tmp
     slow = replace(task(), controller_period=4e-3)
     made = export_table(export_section(format="linuxcnc-strut"), slow, tmp_path / "t.txt")
     assert made.settings.step == 2e-3
-    assert made.check.deviation.position < 10e-6
+    assert made.check.position_error < 10e-6
     assert "rows 2 ms apart" in made.note
     asked = export_section(format="linuxcnc-strut", segment=4e-3)
     with pytest.raises(ExportError, match="more than the tolerance of 10 µm"):

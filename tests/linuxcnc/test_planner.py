@@ -79,7 +79,7 @@ def test_the_planner_does_what_the_export_says(name, scale, tmp_path):
     apart, played, times = compare(lengths, made)
     assert apart < 0.1 * MICROMETRE
     struts = work.robot.inverse_kinematics(made.settings.task.motion.sample(times).pose)
-    off, stated = np.abs(played - struts).max(), made.check.deviation.position
+    off, stated = np.abs(played - struts).max(), made.check.position_error
     assert off == pytest.approx(stated, abs=MICROMETRE)
     sys.stdout.write(
         f"\n| {name} | {scale:g} | {designed:.3f} s | {duration:.3f} s | {1e3 * off:.3f} mm | "
