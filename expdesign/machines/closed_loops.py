@@ -25,6 +25,7 @@ from expdesign.machines.mechanism_graph import (
     Rotations,
     StrutPart,
     moved_bodies,
+    rigid_groups,
 )
 from expdesign.mechanism.hexapod import ACTUATORS
 from expdesign.mechanism.strut import ANGLES
@@ -95,7 +96,7 @@ def hexapod(
     Joints that a reader `added` count as those of the file, except in messages about the file.
     """
     described, joints = joints, [*joints, *added]
-    groups = Groups(len(bodies), joints)
+    groups = rigid_groups(len(bodies), joints)
     slides = [joint for joint in joints if joint.kind == "slide"]
     turning = sum(joint.kind == "rotation" for joint in described)
     loops = max(len(described) - len(bodies) + 1, 0)
@@ -107,8 +108,8 @@ def hexapod(
     if len(slides) != ACTUATORS:
         raise InputError(content, file, allowed=_ALLOWED)
     rotations = Rotations(groups, joints)
-    ends = [groups.of(body) for body in slides[0].bodies]
-    base_group = _hub(ends[0], rotations) if base is None else groups.of(base)
+    ends = [groups[body] for body in slides[0].bodies]
+    base_group = _hub(ends[0], rotations) if base is None else groups[base]
     below = rotations.paths(base_group)
     platform_group = _hub(ends[1] if ends[0] in below else ends[0], rotations)
     above = rotations.paths(platform_group)
@@ -119,7 +120,7 @@ def hexapod(
         raise InputError(problems) from None
     platform = _platform_body(platform_group, groups, bodies, joints)
     place = bodies[platform].place
-    names = [body.name for i, body in enumerate(bodies) if groups.of(i) == base_group]
+    names = [body.name for i, body in enumerate(bodies) if groups[i] == base_group]
     listed = ", ".join(names[:3]) + (" …" if len(names) > 3 else "")  # noqa: PLR2004 - enough names
     questions = [
         Question(
@@ -133,7 +134,7 @@ def hexapod(
     limits, unknown = _limits(struts)
     gap = _open_loop(struts)
     questions += [*unknown, *gap]
-    masses = [body.mass for i, body in enumerate(bodies) if groups.of(i) == platform_group]
+    masses = [body.mass for i, body in enumerate(bodies) if groups[i] == platform_group]
     known = [mass for mass in masses if mass is not None]
     mass = float(sum(known)) if len(known) == len(masses) and sum(known) > 0 else None
     if mass is None:
@@ -169,7 +170,7 @@ def _strut(
     above: dict[int, tuple[PathStep, ...]],
 ) -> _Strut:
     """Return a strut by its slide, and the paths of joints from base and platform."""
-    stator, slider = (groups.of(body) for body in slide.bodies)
+    stator, slider = (groups[body] for body in slide.bodies)
     sign = 1
     if stator not in below:
         stator, slider, sign = slider, stator, -1
@@ -223,7 +224,7 @@ def _meeting(
 def _parts(strut: _Strut, groups: Groups) -> tuple[StrutPart, ...]:
     """Return ring, stator and slider; the slider has the bodies of the joints at the platform."""
     rings, lugs = (
-        [groups.of(step.joint.bodies[1 if step.forward else 0]) for step in end.path[:-1]]
+        [groups[step.joint.bodies[1 if step.forward else 0]] for step in end.path[:-1]]
         for end in (strut.foot, strut.head)
     )
     along, first = strut.axis, strut.foot.first_axis
@@ -315,7 +316,7 @@ def _platform_body(
     group: int, groups: Groups, bodies: Sequence[Link], joints: Sequence[Joint]
 ) -> int:
     """Return the body of a group with the most joints; the heaviest, if each has one."""
-    members = [i for i in range(len(bodies)) if groups.of(i) == group]
+    members = [i for i in range(len(bodies)) if groups[i] == group]
     held = [body for joint in joints if joint.kind == "rotation" for body in joint.bodies]
     most = max(held.count(member) for member in members)
     return max(members, key=held.count if most > 1 else lambda i: bodies[i].mass or 0.0)

@@ -14,6 +14,8 @@ from xml.parsers import expat
 
 import numpy as np
 from pydantic import ValidationError
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from constraints.arrays import Array
 from expdesign.configuration.bodies import Bodies, BodyDescription
@@ -174,21 +176,16 @@ class Joint:
     """Largest speed of a slide, m/s."""
 
 
-class Groups:
-    """Bodies that do not move against each other, under the number of one of them."""
+Groups = Sequence[int]
+"""Number of the group of each body; bodies of a group do not move against each other."""
 
-    def __init__(self, count: int, joints: Iterable[Joint]) -> None:
-        self._leader = list(range(count))
-        for joint in joints:
-            if joint.kind == "fixed":
-                first, second = (self.of(body) for body in joint.bodies)
-                self._leader[max(first, second)] = min(first, second)
 
-    def of(self, body: int) -> int:
-        """Return the group of a body."""
-        while self._leader[body] != body:
-            body = self._leader[body]
-        return body
+def rigid_groups(count: int, joints: Iterable[Joint]) -> Groups:
+    """Return the groups of bodies that joints fix to each other."""
+    pairs = np.array([joint.bodies for joint in joints if joint.kind == "fixed"], dtype=int)
+    graph = coo_array((np.ones(len(pairs)), pairs.reshape(-1, 2).T), shape=(count, count))
+    groups: list[int] = connected_components(graph, directed=False)[1].tolist()
+    return groups
 
 
 @dataclass(frozen=True)
@@ -218,7 +215,7 @@ class Rotations:
         for joint in joints:
             if joint.kind != "rotation":
                 continue
-            first, second = (groups.of(body) for body in joint.bodies)
+            first, second = (groups[body] for body in joint.bodies)
             self.edges.setdefault(first, []).append((second, PathStep(joint, True)))
             self.edges.setdefault(second, []).append((first, PathStep(joint, False)))
 
@@ -290,7 +287,7 @@ def _of_strut(
 
 def _group(links: Sequence[Link], groups: Groups, members: Iterable[int]) -> RigidBody | None:
     wanted = set(members)
-    found = [link.rigid for i, link in enumerate(links) if groups.of(i) in wanted]
+    found = [link.rigid for link, group in zip(links, groups, strict=True) if group in wanted]
     known = [body for body in found if body is not None]
     return together(known) if len(known) == len(found) else None
 

@@ -56,13 +56,14 @@ print(json.dumps(found))
 
 
 def _read(name: str, files: tuple[Path, ...]) -> MachineDraft:
-    variables = _variables(files[0])
-    values = {key: np.array(value, dtype=float) for key, value in variables.items()}
+    values = {key: np.array(value, dtype=float) for key, value in _variables(files[0]).items()}
     source = f"MATLAB, {files[0].name}"
     if "pos_base" in values:
-        return _mathworks(name, source, values, files[0])
+        height = "height" if "height" in values else ""
+        platform = "body_pts" if "body_pts" in values and height else _ABOVE
+        return _by_variables(name, source, values, files[0], ("pos_base", platform, height))
     if "stewart.platform_F.Fa" in values:
-        return _simscape(name, source, values, files[0])
+        return _by_variables(name, source, values, files[0], _STRUCT)
     return _by_names(name, source, values, files[0])
 
 
@@ -87,40 +88,31 @@ def _values(file: Path) -> dict[str, Any]:
     return _plain({key: np.array(one, dtype=float) for key, one in _variables(file).items()})
 
 
-def _mathworks(name: str, source: str, values: dict[str, Array], file: Path) -> MachineDraft:
-    base = _points(values, "pos_base", file)
-    questions = [_UNITS]
-    height = float(_number(values, "height", file)) if "height" in values else None
-    if "body_pts" in values and height is not None:
-        platform, home = _points(values, "body_pts", file), np.array([0, 0, height])
+_ABOVE = "pos_top"
+"""Joints of the platform over those of the base."""
+_STRUCT = ("stewart.platform_F.Fa", "stewart.platform_M.Mb", "stewart.geometry.H")
+
+
+def _by_variables(
+    name: str, source: str, values: dict[str, Array], file: Path, keys: tuple[str, str, str]
+) -> MachineDraft:
+    """Return the machine of the variables for base, platform and height; no height: empty."""
+    base, platform = (_points(values, key, file) for key in keys[:2])
+    home, questions = platform.mean(axis=0), [_UNITS]
+    if keys[2]:
+        home = np.array([0.0, 0.0, _number(values, keys[2], file)])
     else:
-        top = _points(values, "pos_top", file)
-        home = top.mean(axis=0) if height is None else np.array([0, 0, height])
-        platform = top - home
-        if height is None:
-            text = "The file has no height: the TCP is put into the middle of the upper joints."
-            questions.append(Question("home", text))
-    mass = float(_number(values, "top_mass", file)) if "top_mass" in values else None
+        text = "The file has no height: the TCP is put into the middle of the upper joints."
+        questions.append(Question("home", text))
+    mass = _number(values, "top_mass", file) if "top_mass" in values else 0.0
     return MachineDraft(
         name=name,
         source=source,
         base_joints=rows(base),
-        platform_joints=rows(platform),
-        home=(*(float(value) for value in home), 0.0, 0.0, 0.0),
-        moved_mass=mass if mass is not None and mass > 0 else None,
+        platform_joints=rows(platform - home if keys[1] == _ABOVE else platform),
+        home=(*home.tolist(), 0.0, 0.0, 0.0),
+        moved_mass=mass if mass > 0 else None,
         questions=tuple(questions),
-    )
-
-
-def _simscape(name: str, source: str, values: dict[str, Array], file: Path) -> MachineDraft:
-    height = _number(values, "stewart.geometry.H", file)
-    return MachineDraft(
-        name=name,
-        source=source,
-        base_joints=rows(_points(values, "stewart.platform_F.Fa", file)),
-        platform_joints=rows(_points(values, "stewart.platform_M.Mb", file)),
-        home=(0.0, 0.0, float(height), 0.0, 0.0, 0.0),
-        questions=(_UNITS,),
     )
 
 
@@ -135,11 +127,11 @@ def _points(values: dict[str, Array], key: str, file: Path) -> Array:
     return value
 
 
-def _number(values: dict[str, Array], key: str, file: Path) -> Array:
+def _number(values: dict[str, Array], key: str, file: Path) -> float:
     value = _finite(values, key, file)
     if value.size != 1:
         raise InputError(f"these are {value.size} numbers", file, key=key, allowed="one number")
-    return value.reshape(())
+    return float(value.item())
 
 
 def _finite(values: dict[str, Array], key: str, file: Path) -> Array:
