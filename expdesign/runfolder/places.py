@@ -9,6 +9,8 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
+import numpy as np
+
 from expdesign.configuration import InputError, RunConfiguration, load_run, resolved_yaml
 from expdesign.runfolder.fields import Column
 from expdesign.runfolder.files import RUN_FILE, MissingFileError, write_text
@@ -201,10 +203,8 @@ class Matrix(Place):
         """Write the matrix, or the matrices one below the other."""
         (table,), names = self.tables(kind, result.WRITTEN_BY), tuple(getattr(result, self.names))
         blocks = {(): value} if self.by is None else {(key,): part for key, part in value.items()}
-        matrices = [
-            ([(*key, name) for name in names], names, matrix) for key, matrix in blocks.items()
-        ]
-        yield from table.write(folder, matrices)
+        keys = tuple((*key, name) for key in blocks for name in names)
+        yield from table.write(folder, (keys, names, np.concatenate([*blocks.values()])))
 
     def tables(self, kind: Any, written_by: str) -> Iterator[CsvFile[Any, Any]]:
         """Yield the table."""

@@ -41,7 +41,8 @@ Block = TypeVar("Block")
 Written = TypeVar("Written")
 Found = TypeVar("Found")
 Cells = Mapping[str, Sequence[str]]
-Matrices = Iterable[tuple[Sequence[Sequence[str]], Sequence[str], Array]]
+Matrix = tuple[tuple[tuple[str, ...], ...], tuple[str, ...], Array]
+"""Cells of the columns on the left, row by row; names of the further columns; their numbers."""
 
 
 @dataclass(frozen=True)
@@ -248,7 +249,7 @@ class ArrayTable(CsvFile[Block, Block], Generic[Block]):
 
 
 @dataclass(frozen=True)
-class MatrixTable(CsvFile[Matrices, tuple[tuple[tuple[str, ...], ...], tuple[str, ...], Array]]):
+class MatrixTable(CsvFile[Matrix, Matrix]):
     """A table of matrices, one below the other, with the parameters' names as columns."""
 
     keys: tuple[Column, ...]
@@ -261,23 +262,14 @@ class MatrixTable(CsvFile[Matrices, tuple[tuple[tuple[str, ...], ...], tuple[str
         """The columns on the left; `entry` describes the others."""
         return self.keys
 
-    def write(self, folder: Path, content: Matrices) -> list[Path]:
-        """Write matrices below each other.
+    def write(self, folder: Path, content: Matrix) -> list[Path]:
+        """Write the matrices."""
+        keys, names, matrix = content
+        rows = [[*key, *row] for key, row in zip(keys, matrix.tolist(), strict=True)]
+        return self.write_rows(folder, rows, names)
 
-        Each has the cells of the columns on the left, row by row; the names of the further
-        columns; and their numbers.
-        """
-        blocks = list(content)
-        more = dict.fromkeys(name for _, names, _ in blocks for name in names)
-        rows = [
-            [*key, *map(dict(zip(names, values, strict=True)).get, more)]
-            for keys, names, matrix in blocks
-            for key, values in zip(keys, matrix.tolist(), strict=True)
-        ]
-        return self.write_rows(folder, rows, more)
-
-    def read(self, folder: Path) -> tuple[tuple[tuple[str, ...], ...], tuple[str, ...], Array]:
-        """Return the cells on the left row by row, the further columns' names, the numbers."""
+    def read(self, folder: Path) -> Matrix:
+        """Read the matrices; every number is finite."""
         cells, numbers = self._read(folder)
         keys = tuple(zip(*(cells[name] for name in self.names), strict=True))
         names = tuple(name for name in cells if name not in self.names)

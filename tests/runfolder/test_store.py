@@ -144,8 +144,8 @@ def test_tables_come_back_with_every_digit(tmp_path):
     written = [*PARTS.write(tmp_path, ROWS), *PARTS.numbered(2).write(tmp_path, ())]
     motion = Motion(np.array([0.0, 0.1 + 0.2]), np.array([[1, 2], [1 / 3, 4]]))
     written += MOTION.write(tmp_path, motion)
-    labels = [("a",), ("b",)]
-    written += MATRIX.write(tmp_path, [(labels, ("a", "b"), np.array([[1, 1 / 3], [0, 2]]))])
+    labels = (("a",), ("b",))
+    written += MATRIX.write(tmp_path, (labels, ("a", "b"), np.array([[1, 1 / 3], [0, 2]])))
     assert {path.relative_to(tmp_path).as_posix() for path in written} == {
         *(table.file for table in (PARTS, PARTS.numbered(2), MOTION, MATRIX)),
         "columns.json",
@@ -164,7 +164,7 @@ def test_tables_come_back_with_every_digit(tmp_path):
 
 def test_the_columns_of_every_table_are_described(tmp_path):
     PARTS.write(tmp_path, ROWS)
-    MATRIX.write(tmp_path, [([("a",)], ("a",), np.eye(1))])
+    MATRIX.write(tmp_path, ((("a",),), ("a",), np.eye(1)))
     told = json.loads((tmp_path / "columns.json").read_text(encoding="utf-8"))
     assert told["formats"] == {PARTS.file: 1, MATRIX.file: 1}
     assert told[PARTS.file][1] == {"name": "length", "unit": "m", "meaning": "how long"}
