@@ -42,32 +42,26 @@ def grid_points(
     The robot has the run's limits before the sweep, as the base of scale factors; `load` converts a
     document to a complete configuration. Each problem of a point is located in the sweep.
     """
-    paths = list(sweep)
-    found: dict[Place, RunConfiguration] = {}
-    wrong: dict[Problem, list[Place]] = {}
-    names = _names(sweep, str(document.data.get("name", "")))
+    run = str(document.data.get("name", ""))
     places = list(product(*(range(len(values)) for values in sweep.values())))
-    for place, name in zip(places, names, strict=True):
-        values = {path: sweep[path][k] for path, k in zip(paths, place, strict=True)}
+    every = [dict(zip(sweep, values, strict=True)) for values in product(*sweep.values())]
+    found: list[GridPoint] = []
+    wrong: dict[Problem, list[Place]] = {}
+    for place, values, name in zip(places, every, _names(every, run), strict=True):
         try:
-            found[place] = load(_with_values(document, robot, values, name))
+            configuration = load(_with_values(document, robot, values, name))
         except InputError as error:
             for problem in error.problems:
                 wrong.setdefault(replace(problem, line=None, file=None), []).append(place)
+        else:
+            found.append(GridPoint(values, name.removeprefix(f"{run}-"), configuration))
     if wrong:
         raise InputError(
             located
             for problem, failing in wrong.items()
             for located in _locate(problem, failing, places, sweep, document)
         )
-    return tuple(
-        GridPoint(
-            {path: sweep[path][k] for path, k in zip(paths, place, strict=True)},
-            name.removeprefix(f"{document.data['name']}-"),
-            found[place],
-        )
-        for place, name in zip(places, names, strict=True)
-    )
+    return tuple(found)
 
 
 def resolved_cell(path: str, point: GridPoint) -> str:
@@ -136,17 +130,15 @@ def _scaled(robot: ResolvedRobot, key: str, factor: float, path: str) -> Any:
     return limits_as_written({key: scaled}, robot.characteristic_length)[key]
 
 
-def _names(sweep: Sweep, run: str) -> list[str]:
+def _names(points: Sequence[Mapping[str, Any]], run: str) -> list[str]:
     """Return a name for every point from its values, independent of the rest of the grid."""
-    names = []
-    for values in product(*sweep.values()):
-        parts = zip(sweep, values, strict=True)
-        whole = "-".join([run, *(f"{short_path(path)}-{_slug(value)}" for path, value in parts)])
-        names.append(whole)
-    for number, name in enumerate(names):
+    names = [
+        "-".join([run, *(f"{short_path(path)}-{_slug(value)}" for path, value in values.items())])
+        for values in points
+    ]
+    for number, (name, values) in enumerate(zip(names, points, strict=True)):
         if len(name) > LONGEST_NAME or names.count(name) > 1:
-            values = list(product(*sweep.values()))[number]
-            text = json.dumps([list(sweep), values], default=repr)
+            text = json.dumps([list(values), list(values.values())], default=repr)
             digest = hashlib.sha256(text.encode()).hexdigest()[:_DIGEST]
             names[number] = f"{name[: LONGEST_NAME - _DIGEST - 1]}-{digest}"
     return names

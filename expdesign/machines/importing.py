@@ -343,10 +343,8 @@ def move_to_mid_stroke(machine: MachineDraft) -> MachineDraft:
     if np.all(np.abs(share - 0.5) <= 0.5 - _STROKE_END):
         return machine
     vectors = struts.lengths[:, None] * struts.directions
-    height, above = (
-        height_at(float(np.mean(low + high)) / 2, vectors),
-        float(np.mean(vectors[:, 2])),
-    )
+    height = height_at(float(np.mean(low + high)) / 2, vectors)
+    above = float(np.mean(vectors[:, 2]))
     if height is None:
         return machine
     z = round_digits(home[2] - above + math.copysign(height, above), 4)

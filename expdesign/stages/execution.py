@@ -275,22 +275,19 @@ def write_entry(work: Workspace, outcome: Outcome, seconds: float) -> None:
     The entries of other stages stay, unless other versions made them; each has the hash of its
     inputs.
     """
-    run = work.configuration.run
-    sections = {name: getattr(run, name) for name in type(run).model_fields}
-    seeds = {name: int(s.seed) for name, s in sections.items() if hasattr(s, "seed")}
-    fresh, known = Manifest.new(seeds, evaluator()), Manifest.known(work.folder)
-    if known is not None:
-        fresh = replace(fresh, run_file=known.run_file)
-    if known is not None and known.versions == fresh.versions:
-        fresh = replace(known, seeds=seeds, evaluation=fresh.evaluation)
-    warned = () if known is None else known.warnings
-    fresh = replace(fresh, warnings=tuple(dict.fromkeys((*warned, *work.warned))))
+    seeds = {name: int(s.seed) for name, s in work.configuration.run if hasattr(s, "seed")}
+    fresh = Manifest.new(seeds, evaluator())
+    known = Manifest.known(work.folder) or fresh
+    if known.versions != fresh.versions:
+        known = replace(fresh, run_file=known.run_file, warnings=known.warnings)
     inputs, message = work.inputs[outcome.stage], outcome.message
     origin = work.origins.get(outcome.stage, {})
     made = entry(outcome.status, inputs, seconds, message, work.folder, outcome.files, origin)
+    warnings = tuple(dict.fromkeys((*known.warnings, *work.warned)))
+    found = replace(known, seeds=seeds, evaluation=fresh.evaluation, warnings=warnings)
     if outcome.files:
-        fresh = replace(fresh, run_file=known_hash(work.folder / RUN_FILE))
-    fresh.with_stage(outcome.stage, made).write(work.folder)
+        found = replace(found, run_file=known_hash(work.folder / RUN_FILE))
+    found.with_stage(outcome.stage, made).write(work.folder)
 
 
 def keep_configuration(configuration: RunConfiguration, folder: Path) -> None:
