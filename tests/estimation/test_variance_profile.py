@@ -67,6 +67,14 @@ def test_outliers_are_judged_by_the_size_at_their_instant(loss):
     assert taken == pytest.approx(6.0, abs=3.0) if loss == "huber" else taken == 0
 
 
+def test_weights_of_scaled_white_noise_are_as_uncertain_as_without_its_size():
+    """Both take Σ from the same scatter; its estimate costs 4 % of the variance."""
+    fold = fold_recording(recording(1, "speed", periods=3), MOTION.omega, PeriodSource.DESIGN)
+    noise = fold.forces.noise()
+    assert noise.filter.smoothing == "white, scaled over the speed"
+    assert noise.weighting_loss == fold.forces.scatter.weighting_loss > 1.03
+
+
 def test_even_noise_has_no_profile():
     found = 0
     for seed in range(40):
