@@ -496,7 +496,7 @@ def identified_model(
     Raises
     ------
     InputError
-        The estimate belongs to another robot, or the estimator is unknown.
+        The estimate belongs to another robot or to other tolerances, or the estimator is unknown.
     """
     names, key = result.parameters, result.best if estimator is None else estimator
     wrong, allowed = "", robot.name
@@ -523,7 +523,16 @@ def identified_model(
     )
     systematic, known = entry.systematic, {one.name for one in deviation.deviations(robot)}
     if systematic is not None:
-        lacking = any(one.name not in known for one in systematic.deviations)
+        lacking = [one for one in systematic.deviations if one.name not in known]
+        if absent := [one.name for one in lacking if one.value != 0]:
+            raise InputError(
+                f"it estimated deviations for which the robot {robot.name} has no tolerance: "
+                f"{', '.join(absent)}. Their forces are a part of its predictions",
+                file=path,
+                key="--estimate",
+                allowed="a robot with the `tolerances` of the estimate, such as its "
+                "identified-robot.yaml",
+            )
         own = None if lacking else _relative_to(robot, result, systematic)
         estimate = replace(estimate, systematic=own)
     priors = ParameterPriors.of(robot, EstimateSection(fixed=fixed))
@@ -543,15 +552,19 @@ def _relative_to(
 
     Its joints, gravity and constants are those of the estimator that it states.
     """
-    about = robot.description.description.identification
+    described = robot.description.description
+    about = described.identification
     best = None if about is None else result.estimators.get(about.estimator)
     if about is None or best is None or best.systematic is None:
         return systematic
-    values = dict(zip(robot.parameter_names, robot.parameters, strict=True))
+    # Without a payload that the run adds, and before the nearest consistent parameters.
+    values = dict(described.parameters or {})
     values |= dict(zip(about.parameters, about.unconstrained, strict=False))
     damping = {one.name for one in BACK_EMF.parameters}
     names = [name for name in best.values if name not in damping]
-    found, stated = (np.array([each[name] for name in names]) for each in (best.values, values))
+    found, stated = (
+        np.array([each.get(name, np.nan) for name in names]) for each in (best.values, values)
+    )
     if not np.allclose(found, stated, rtol=_SAME, atol=0.0):
         return systematic
     there, terms = best.systematic.estimates, {f"terms.{one.name}" for one in robot.extended.terms}

@@ -96,6 +96,11 @@ def test_a_tolerance_of_a_lacking_term_stays(inertia, tmp_path):
     assert result.best.systematic.std[0] < 0.2
     assert [one.tolerance for one in toleranced_deviations(robot)] == [0.2]
     assert robot.parameter_names == result.priors.names
+    # With it, and only so, the forces of the term are predicted.
+    saved = read_estimate(tmp_path, robot).estimate
+    assert saved.systematic.estimates == result.best.systematic.estimates
+    with pytest.raises(InputError, match="has no tolerance: drive_inertia_m_drive"):
+        read_estimate(tmp_path, load_robot("palida"))
 
 
 def test_a_doubtful_verdict_is_repeated_where_it_is_used(written):
