@@ -104,7 +104,9 @@ class InformationCost:
         part = np.matmul(directions.T / count, summed.reshape(-1, k, m).transpose(0, 2, 1))
         change = part + part.transpose(0, 2, 1)
         if self.memory is not None:
-            change[-1] += directions.T @ self._spectrum_slope(weighted, variables) @ directions
+            change[-1] += (
+                directions.T @ self._spectrum_slope(self.memory, weighted, variables) @ directions
+            )
         if cost.subtracted:
             half = k // 2
             change = change[:, :half, :half] - change[:, half:, half:]
@@ -131,7 +133,9 @@ class InformationCost:
         slope = self._path.slope(variables, self.basis)
         summed = slope.transposed_product(by_state)
         if self.memory is not None:
-            summed[-1] += np.sum(by_information * self._spectrum_slope(weighted, variables))
+            summed[-1] += np.sum(
+                by_information * self._spectrum_slope(self.memory, weighted, variables)
+            )
         return cost.value, summed
 
     def _criterion(
@@ -233,11 +237,9 @@ class InformationCost:
             return self.memory.weighted(factor, omega)
         return factor if self.effects is not None else np.matmul(self._white.T, factor)
 
-    def _spectrum_slope(self, weighted: Array, variables: Array) -> Array:
+    def _spectrum_slope(self, memory: PeriodicNoise, weighted: Array, variables: Array) -> Array:
         """Return the derivative of F per sample to the scaled ω through the spectrum, (m, m)."""
-        if self.memory is None:
-            return np.zeros((weighted.shape[2],) * 2)
-        slope = self.memory.slope(weighted, self._omega(variables))
+        slope = memory.slope(weighted, self._omega(variables))
         return slope * (self.variables.omega_scale / len(weighted))
 
 

@@ -1,5 +1,7 @@
 """Functions of Taylor models against the same in 60 digits."""
 
+from fractions import Fraction
+
 import casadi as ca
 import mpmath
 import numpy as np
@@ -111,6 +113,19 @@ def test_sizes_and_the_larger_of_two_that_cross_hold(a, b, cell, time):
     (larger,), (smaller,) = IN_ORDER([[a.model], [b.model]])
     assert_holds(larger, cell, time, max(x, y))
     assert_holds(smaller, cell, time, min(x, y))
+
+
+@pytest.mark.parametrize("time", np.linspace(-1, 1, 9))
+@pytest.mark.parametrize("cell", [0, 1])
+def test_the_larger_of_two_lines_that_cross_holds_far_from_where_they_do(cell, time):
+    rising = TaylorModel(np.array([[0.0, 0.25], [1.0, 1.0]]), np.zeros(1))
+    falling = TaylorModel(np.array([[0.0, 0.0], [-1.0, -2.0]]), np.zeros(1))
+    values = [0.25 * cell + time, -(1 + cell) * time]
+
+    (larger,), (smaller,) = IN_ORDER([[rising], [falling]])
+
+    assert_holds(larger, cell, time, Fraction(max(values)))
+    assert_holds(smaller, cell, time, Fraction(min(values)))
 
 
 @given(a=members(st.floats(-2, 2)), b=members(st.floats(-2, 2)), cell=CELLS, time=TIMES)

@@ -94,3 +94,16 @@ def test_bounds_are_as_narrow_as_the_polynomial_up_to_its_square(a, cell):
     # A vertex between two of 2001 points is higher by a part in four millions at most.
     assert high - np.max(values) <= rest * (1 + 1e-9) + 1e-6 * size + 1e-299
     assert np.min(values) - low <= rest * (1 + 1e-9) + 1e-6 * size + 1e-299
+
+
+@pytest.mark.parametrize("place", [-0.9, -0.3, 0.0, 0.7])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_sign_change_is_found(place, sign):
+    """Of (τ − place)(2 + τ²), beside a polynomial without one."""
+    known = sign * np.array([-2 * place, 2.0, -place, 1.0])
+    model = TaylorModel(np.column_stack([known, [3.0, 1.0, 1.0, 0.0]]), np.zeros(1))
+
+    found = model.root()
+
+    assert found[0] == pytest.approx(place, abs=1e-6)
+    assert np.isnan(found[1])

@@ -15,7 +15,7 @@ from expdesign.information.fisher import PeriodicNoise, information_matrix
 from expdesign.information.marginal import Marginal
 from expdesign.noise import Autoregressive, Hum, NoiseSpectrum
 from expdesign.problem.design_problem import build_problem
-from expdesign.problem.program import LinearRows, RowIndex
+from expdesign.problem.program import LinearRows, RowIndex, smoothing_gap
 from expdesign.problem.variables import DesignVariables
 from expdesign.recheck.evaluator import Evaluator
 from expdesign.robot import load_robot, robot_from
@@ -582,6 +582,25 @@ def test_what_is_no_row_need_not_be_a_number(problem, points, monkeypatch):
     np.testing.assert_array_equal(
         rows.transposed_product(weights), expected.transposed_product(weights)
     )
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+def test_what_smooth_friction_hides_is_counted_as_far_as_it_reaches(problem, points, periodic):
+    states = problem.states(points[0], 2 * np.pi * np.arange(40) / 40)
+    limits, reach, count = problem.limits, 2, len(states)
+    exact = limits.violations(states)
+    hidden = np.zeros_like(exact)
+    bounded = limits.two_sided & np.isfinite(exact)
+    np.subtract(exact, limits.smooth_violations(states, WIDTH), out=hidden, where=bounded)
+    places = np.arange(count)[:, None] + np.arange(-reach, reach + 1)
+    places = places % count if periodic else np.clip(places, 0, count - 1)
+    expected = np.maximum(np.max(hidden[places], axis=1), 0)
+    assert np.any(np.max(hidden[places], axis=1) < 0)
+    assert np.any(expected > 0)
+
+    found = smoothing_gap(limits, states, exact, WIDTH, reach, periodic=periodic)
+
+    np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
 def test_rows_are_the_limits_of_the_model(problem, program, points):
