@@ -137,8 +137,6 @@ POSE, RATE, ACCELERATION = "pose", "rate", "acceleration"
 class ModelFunction:
     """A function of a control model."""
 
-    does: str
-    """In words."""
     inputs: tuple[str, ...]
     """Of pose, rate and acceleration."""
     function: ca.Function
@@ -165,12 +163,12 @@ def model_functions(terms: tuple[Term, ...]) -> Mapping[str, ModelFunction]:
     states = {POSE: graph.pose, RATE: graph.rate, ACCELERATION: graph.acceleration}
     machine = [graph.geometry.vector, graph.constants, graph.parameters]
 
-    def of(does: str, inputs: tuple[str, ...], outputs: list[ca.SX]) -> ModelFunction:
+    def of(inputs: tuple[str, ...], outputs: list[ca.SX]) -> ModelFunction:
         loaded = any(ca.depends_on(part, graph.load) for part in outputs)
         given = [*(states[key] for key in inputs), *machine, *([graph.load] if loaded else [])]
         dense = [ca.densify(value) for value in outputs]
         function = ca.Function("model", given, dense, {"cse": True})
-        return ModelFunction(does, inputs, function, loaded)
+        return ModelFunction(inputs, function, loaded)
 
     lengths, rates = graph.kinematic["strut_length"], graph.kinematic["strut_speed"]
     signs = (graph.signs, ca.sign(sliding_speeds(graph)))
@@ -185,20 +183,14 @@ def model_functions(terms: tuple[Term, ...]) -> Mapping[str, ModelFunction]:
         for k, sliding in enumerate(term.is_friction for term in terms for _ in term.parameters)
     ]
     return {
-        "forces": of("forces of the actuators", tuple(states), _actuator_forces(graph, signs)),
-        "rest": of("forces that hold the platform still", (POSE,), _actuator_forces(graph, *still)),
+        "forces": of(tuple(states), _actuator_forces(graph, signs)),
+        "rest": of((POSE,), _actuator_forces(graph, *still)),
         "friction": of(
-            "the friction's share of the forces",
-            tuple(states),
-            _actuator_forces(graph, signs, (graph.parameters, ca.vertcat(*rubbing))),
+            tuple(states), _actuator_forces(graph, signs, (graph.parameters, ca.vertcat(*rubbing)))
         ),
-        "lengths": of("coordinates of the actuators", (POSE,), [lengths]),
-        "rates": of("speeds of the actuators", (POSE, RATE), [rates]),
-        "slope": of(
-            "coordinates of the actuators and their slope to the pose",
-            (POSE,),
-            [lengths, ca.vec(ca.jacobian(lengths, graph.pose).T)],
-        ),
+        "lengths": of((POSE,), [lengths]),
+        "rates": of((POSE, RATE), [rates]),
+        "slope": of((POSE,), [lengths, ca.vec(ca.jacobian(lengths, graph.pose).T)]),
     }
 
 

@@ -39,6 +39,8 @@ _WORDS = {
 }
 _WIDTH = 84
 """Largest number of characters of a doubt in the head of a file."""
+_LIST_WIDTH = 93
+"""Largest number of characters of a line of names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,10 +145,7 @@ _CARRIED = "carry(matrix, along, load)"
 class Body:
     """One function of a file."""
 
-    does: str
     inputs: tuple[str, ...]
-    unread: tuple[str, ...]
-    """Inputs that it does not depend on."""
     loaded: bool
     code: Lines
 
@@ -165,12 +164,7 @@ def context(model: ControlModel, language: Language) -> dict[str, Any]:
         load = [list(map(_place("load"), range(ACTUATORS)))] if each.loaded else []
         calls = {len(_LOAD) - 1: _CARRIED} if each.loaded else {}
         code = lines(each.function, [*inputs, *machine, *load], outputs, language, calls)
-        unread = tuple(
-            key
-            for key, places in zip(each.inputs, inputs, strict=True)
-            if code.read.isdisjoint(places)
-        )
-        bodies[name] = Body(each.does, each.inputs, unread, each.loaded, code)
+        bodies[name] = Body(each.inputs, each.loaded, code)
     read = frozenset[str]().union(*(body.code.read for body in bodies.values()))
     vectors, force = model.vectors, model.largest_force
     return {
@@ -219,16 +213,6 @@ def _format_list(values: Array, form: str, brackets: str) -> str:
     return f"{brackets[0]}{inner}{brackets[1]}"
 
 
-def _wrap_comment(words: Sequence[str], width: int = 90) -> list[str]:
-    """Return words joined by commas, in lines."""
-    found = [""]
-    for word in words:
-        if found[-1] and len(found[-1]) + len(word) > width:
-            found.append("")
-        found[-1] += (", " if found[-1] else "") + word
-    return [line + ("," if k < len(found) - 1 else "") for k, line in enumerate(found)]
-
-
 @cache
 def _environment() -> Environment:
     environment = text_templates("estimation.controlmodel")
@@ -237,7 +221,7 @@ def _environment() -> Environment:
         "c_reals": partial(_format_list, form="R({})", brackets="{}"),
         "c_doubles": partial(_format_list, form="{}", brackets="{}"),
         "python": partial(_format_list, form="{}", brackets="[]"),
-        "wrapped": _wrap_comment,
+        "wrapped": lambda words: wrap(", ".join(words), _LIST_WIDTH),
         "plain": plain,
     }
     return environment

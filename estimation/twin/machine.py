@@ -18,6 +18,7 @@ from expdesign.mechanism.terms import friction, platform_forces, rigid_platform,
 from expdesign.mechanism.terms.actuator_forces import BACK_EMF
 from expdesign.recheck.limit_check import Motion
 from expdesign.robot import Robot, deviation
+from expdesign.robot.robot import solve_rows
 from expdesign.trajectory import PoseSamples
 
 CARRIED = frozenset(
@@ -171,11 +172,11 @@ class Machine:
         pose = states.pose
         for _ in range(_NEWTON_STEPS):
             reached, jacobian = robot.lengths_and_jacobian(pose)
-            pose = pose + np.linalg.solve(jacobian, (lengths - reached)[..., None])[..., 0]
+            pose = pose + solve_rows(jacobian, lengths - reached)
         reached, jacobian = robot.lengths_and_jacobian(pose)
         if not np.max(np.abs(lengths - reached)) <= _REACHED:
             return np.full_like(lengths, np.nan), carried
-        rate = np.linalg.solve(jacobian, speeds[..., None])[..., 0]
+        rate = solve_rows(jacobian, speeds)
         at_motor = robot.regressor(pose, rate, states.acceleration)
         return lengths, carried + at_motor @ (robot.parameters * at_motors)
 

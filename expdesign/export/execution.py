@@ -23,6 +23,7 @@ from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.motion.executable import ExecutableMotion
 from expdesign.progress import track
 from expdesign.robot import Robot
+from expdesign.robot.robot import solve_rows
 from expdesign.trajectory import PoseSamples
 
 
@@ -173,7 +174,7 @@ class ExecutedTable:
             # The struts' mean speed over each row, as a pose's rate.
             lengths = self.robot.inverse_kinematics(rows)
             speed = (np.diff(lengths, axis=0) / steps)[place]
-            rate = _solve(self.robot.length_jacobian(values), speed)
+            rate = solve_rows(self.robot.length_jacobian(values), speed)
         return self._machine(times, values, rate, self._at(second, times))
 
     def lengths(self, times: Array) -> Array:
@@ -229,16 +230,8 @@ class ExecutedTable:
             lengths = struts.length, struts.length_rate, struts.length_acceleration
             return Executed(PoseSamples(values, first, second), *lengths)
         pose = self.robot.forward_kinematics(values, self.motion.sample(times).pose)
-        jacobian = self.robot.length_jacobian(pose)
-        rate = _solve(jacobian, first)
-        # q̈ = J λ̈ + J̇ λ̇; the graph gives the second part at λ̈ = 0.
-        rest = self.robot.strut_motion(pose, rate, np.zeros_like(rate)).length_acceleration
-        acceleration = _solve(jacobian, second - rest)
-        return Executed(PoseSamples(pose, rate, acceleration), values, first, second)
-
-
-def _solve(matrices: Array, vectors: Array) -> Array:
-    return np.asarray(np.linalg.solve(matrices, vectors[:, :, None])[:, :, 0], dtype=np.float64)
+        states = PoseSamples(pose, *self.robot.pose_motion(pose, first, second))
+        return Executed(states, values, first, second)
 
 
 _WHOLE = 1e-6

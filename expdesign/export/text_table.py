@@ -20,8 +20,6 @@ from expdesign.export.definition import Rows, Settings, TableError, edge_rows, i
 from expdesign.export.repetition import collect
 from expdesign.runfolder.files import LARGEST_NUMBER
 
-_BLOCK = 1 << 20
-"""Bytes that are read at once; the longest line."""
 _KNOWN = 50_000
 """Lines whose numbers are remembered: those of a period are."""
 _ROWS = 20_000
@@ -172,22 +170,10 @@ class Loop:
 
 def lines(path: Path) -> Iterator[str]:
     """Yield the lines of a file of ASCII."""
-    rest = b""
-    with path.open("rb") as file:
-        while block := file.read(_BLOCK):
-            *found, rest = (rest + block).splitlines(keepends=True)
-            if rest.endswith(b"\n"):
-                found, rest = [*found, rest], b""
-            if len(rest) > _BLOCK:
-                raise TableError("the file is no plain text: a line is longer than 1 MiB")
-            yield from _decode(found)
-    yield from _decode([rest] if rest else [])
-
-
-def _decode(found: Sequence[bytes]) -> Iterator[str]:
     try:
-        for line in found:
-            yield line.decode("ascii").rstrip("\r\n")
+        with path.open(encoding="ascii") as file:
+            for line in file:
+                yield line.rstrip("\n")
     except UnicodeDecodeError as error:
         raise TableError("the file is no plain text") from error
 

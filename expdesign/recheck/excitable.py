@@ -26,6 +26,7 @@ from expdesign.mechanism.hexapod import COORDINATES
 from expdesign.recheck.reach import reach, side_of
 from expdesign.robot import LimitModel, Robot
 from expdesign.robot.limit_model import states_at_rest
+from expdesign.robot.robot import solve_rows
 
 STATES = 250
 _FEWEST = 100
@@ -146,8 +147,7 @@ def _draw(model: LimitModel, ranges: Array, count: int, rng: np.random.Generator
     _, jacobian = robot.lengths_and_jacobian(states[:, :COORDINATES])
     for part, key in enumerate(("strut_speed", "strut_acceleration"), start=1):
         struts = _pace(robot, key) * rng.uniform(-1, 1, (count, COORDINATES))
-        change = np.linalg.solve(jacobian, struts[:, :, None])[:, :, 0]
-        states = move(states, part, np.asarray(change, dtype=np.float64))
+        states = move(states, part, solve_rows(jacobian, struts))
     return states[kept(states)]
 
 

@@ -179,11 +179,5 @@ class FollowedLengths:
         states = self.motion.sample(times)
         wanted = self.robot.strut_motion(*states)
         pose = self.machine.forward_kinematics(wanted.length - self.zeros, states.pose)
-        jacobian = self.machine.length_jacobian(pose)
-
-        def solved(rates: Array) -> Array:
-            return np.asarray(np.linalg.solve(jacobian, rates[..., None])[..., 0], dtype=np.float64)
-
-        rate = solved(wanted.length_rate)
-        curved = self.machine.strut_motion(pose, rate, np.zeros_like(rate)).length_acceleration
-        return PoseSamples(pose, rate, solved(wanted.length_acceleration - curved))
+        rates = wanted.length_rate, wanted.length_acceleration
+        return PoseSamples(pose, *self.machine.pose_motion(pose, *rates))

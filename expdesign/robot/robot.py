@@ -247,6 +247,14 @@ class Robot:
         state = pose, rate, acceleration
         return StrutMotion(*_evaluate(kernel, (self.geometry_vector,), *state))
 
+    def pose_motion(self, pose: Array, rates: Array, accelerations: Array) -> tuple[Array, Array]:
+        """Return λ̇ and λ̈ at poses, with the struts' rates and accelerations, (N, 6) each: m, s."""
+        jacobian = self.length_jacobian(pose)
+        rate = solve_rows(jacobian, rates)
+        # q̈ = J λ̈ + J̇ λ̇; the graph gives the second part at λ̈ = 0.
+        rest = self.strut_motion(pose, rate, np.zeros_like(rate)).length_acceleration
+        return rate, solve_rows(jacobian, accelerations - rest)
+
     def regressor(self, pose: ArrayLike, rate: ArrayLike, acceleration: ArrayLike) -> Array:
         """Return A of Q = A p with the exact signs of dry friction: (6, m) or (N, 6, m).
 
@@ -320,6 +328,11 @@ def _evaluate(kernel: BatchFunction, fixed: tuple[Array, ...], *parts: ArrayLike
             raise ValueError(f"{name}: has {len(array)} rows, the others have {count}")
     stacked = [np.broadcast_to(array, (count, ACTUATORS)) for array in rows.values()]
     return kernel(np.concatenate(stacked, axis=1), *fixed)
+
+
+def solve_rows(matrices: Array, vectors: Array) -> Array:
+    """Solve one system for each of N matrices (N, 6, 6) and vectors (N, 6)."""
+    return np.asarray(np.linalg.solve(matrices, vectors[..., None])[..., 0], dtype=np.float64)
 
 
 LengthsAndJacobian = Callable[[Array], tuple[Array, Array]]
@@ -397,7 +410,7 @@ def _newton(
 
 def _newton_step(jacobian: Array, mismatch: Array) -> Array:
     try:
-        return np.asarray(np.linalg.solve(jacobian, mismatch[:, :, None])[:, :, 0], np.float64)
+        return solve_rows(jacobian, mismatch)
     except np.linalg.LinAlgError:
         pairs = zip(jacobian, mismatch, strict=True)
         steps = [np.linalg.lstsq(j, r, rcond=1e-12)[0] for j, r in pairs]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +11,7 @@ from expdesign.progress import track
 from expdesign.runfolder.files import write_text
 from expdesign.runfolder.lock import consistent_reading
 from expdesign.runfolder.manifest import file_hash
+from expdesign.runfolder.tables import write_csv
 from results.notation import count_text
 from results.render.figures import draw_figures
 from results.render.markup import html_page, latex_table
@@ -68,22 +67,17 @@ def write_comparison(
     written = [file for view in views for file in draw_figures(view, out, _FORMATS)]
     page = _page(folders, views, out)
     for table in page.tables:
-        for ending, text in ((".csv", csv_table(table)), (".tex", latex_table(table))):
-            file = out / "tables" / f"{table.key}{ending}"
-            write_text(file, text)
-            written.append(file)
+        files = [out / "tables" / f"{table.key}{ending}" for ending in (".csv", ".tex")]
+        write_report_csv(files[0], table)
+        write_text(files[1], latex_table(table))
+        written += files
     write_text(out / NAME, html_page(page))
     return [*written, out / NAME], views
 
 
-def csv_table(table: ReportTable) -> str:
-    """Return a table as CSV, with all digits; empty where a value is missing."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([column.heading for column in table.columns])
-    for row in table.rows:
-        writer.writerow([None if value != value else value for value in row])  # noqa: PLR0124 - NaN
-    return text.getvalue()
+def write_report_csv(path: Path, table: ReportTable) -> None:
+    """Write a table as CSV, with all digits; empty where a value is missing."""
+    write_csv(path, [column.heading for column in table.columns], table.rows)
 
 
 def _page(folders: Mapping[str, RunFolder], views: Sequence[StageView], out: Path) -> Page:

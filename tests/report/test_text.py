@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from results.comparison.comparison import csv_table
+from results.comparison.comparison import write_report_csv
 from results.notation import duration, readable
 from results.render.markup import code_html, escape_latex, latex_table, symbol_html, unit_html
 from results.views.view import ReportTable, TableColumn, cell_text, sort_key
@@ -74,8 +74,10 @@ def test_latex_of_hostile_text_stays_on_its_line():
     assert escape_latex("a\n\\end{tabular}\r%") == r"a \textbackslash{}end\{tabular\} \%"
 
 
-def test_csv_has_all_digits():
-    assert csv_table(table()).splitlines() == [
+def test_csv_has_all_digits(tmp_path):
+    path = tmp_path / "table.csv"
+    write_report_csv(path, table())
+    assert path.read_text(encoding="utf-8").splitlines() == [
         "parameter,unit,share [%],a & b,ok",
         "r_alpha,kg m^2,6.7e-09,100 % of $x_1$ \\ {~^},True",
         "odd name,N s/m,,≤ 5,False",
