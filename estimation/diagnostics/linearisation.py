@@ -103,10 +103,11 @@ class PhaseCells:
         """Return the covariance of the scatter within cells; None if no cell has two rows."""
         if self.index is None:
             return None
-        freedom = float(np.sum(self.weights) - len(self.totals))
+        freedom = float(np.sum(self.weights**2) - len(self.totals))
         if freedom < 1:
             return None
-        rest = (values - self.expand(self.mean(values))) * np.sqrt(self.weights)[:, None]
+        # Squares of the weights: outliers are not noise.
+        rest = (values - self.expand(self.mean(values))) * self.weights[:, None]
         return NoiseEstimate(rest.T @ rest / freedom, freedom)
 
 

@@ -344,7 +344,9 @@ def _shown_rows(experiment: Experiment, rows: int) -> Mask:
 
 
 def _force_std(experiment: Experiment, part: Linearisation) -> Array:
-    return np.sqrt(experiment.noise.forces.variances / part.counts[:, None])
+    noise = experiment.noise.forces
+    std = np.sqrt(noise.variances / part.counts[:, None])
+    return std if noise.filter is None or noise.filter.size is None else std * noise.filter.size
 
 
 @dataclass(frozen=True, eq=False)

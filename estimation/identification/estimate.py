@@ -496,7 +496,7 @@ def identified_model(
     Raises
     ------
     InputError
-        The estimate belongs to another robot, or the estimator is unknown.
+        The estimate belongs to another robot or to other tolerances, or the estimator is unknown.
     """
     names, key = result.parameters, result.best if estimator is None else estimator
     wrong, allowed = "", robot.name
@@ -522,9 +522,56 @@ def identified_model(
         motions=(),
     )
     systematic, known = entry.systematic, {one.name for one in deviation.deviations(robot)}
-    if systematic is not None and any(one.name not in known for one in systematic.deviations):
-        estimate = replace(estimate, systematic=None)
+    if systematic is not None:
+        lacking = [one for one in systematic.deviations if one.name not in known]
+        if absent := [one.name for one in lacking if one.value != 0]:
+            raise InputError(
+                f"it estimated deviations for which the robot {robot.name} has no tolerance: "
+                f"{', '.join(absent)}. Their forces are a part of its predictions",
+                file=path,
+                key="--estimate",
+                allowed="a robot with the `tolerances` of the estimate, such as its "
+                "identified-robot.yaml",
+            )
+        own = None if lacking else _relative_to(robot, result, systematic)
+        estimate = replace(estimate, systematic=own)
     priors = ParameterPriors.of(robot, EstimateSection(fixed=fixed))
     failed = () if result.diagnostics is None else result.diagnostics.verdict.failed
     doubt = "; ".join(finding.contradiction for finding in failed if finding.serious)
     return IdentifiedModel(path, estimate, priors, doubt)
+
+
+_SAME = 1e-9
+"""Relative difference of equal parameters in two files."""
+
+
+def _relative_to(
+    robot: Robot, result: EstimateFile, systematic: SystematicUncertainty
+) -> SystematicUncertainty:
+    """Return deviations less those in the robot, if it is the one that was identified here.
+
+    Its joints, gravity and constants are those of the estimator that it states.
+    """
+    described = robot.description.description
+    about = described.identification
+    best = None if about is None else result.estimators.get(about.estimator)
+    if about is None or best is None or best.systematic is None:
+        return systematic
+    # Without a payload that the run adds, and before the nearest consistent parameters.
+    values = dict(described.parameters or {})
+    values |= dict(zip(about.parameters, about.unconstrained, strict=False))
+    damping = {one.name for one in BACK_EMF.parameters}
+    names = [name for name in best.values if name not in damping]
+    found, stated = (
+        np.array([each.get(name, np.nan) for name in names]) for each in (best.values, values)
+    )
+    if not np.allclose(found, stated, rtol=_SAME, atol=0.0):
+        return systematic
+    there, terms = best.systematic.estimates, {f"terms.{one.name}" for one in robot.extended.terms}
+    entries = (
+        replace(one, value=one.value - there.get(one.name, 0.0))
+        if one.of_the_machine and one.group not in terms  # no parameters of terms that it lacks
+        else one
+        for one in systematic.deviations
+    )
+    return replace(systematic, deviations=tuple(entries))

@@ -116,19 +116,21 @@ class Channels:
         the filter's true response and jumps between two samples remain; their weight would be the
         inverse of next to nothing.
         """
-        if self.repeats is None or len(self.repeats) < _REPEATED or not np.any(damped):
-            return None, self.scatter
+        scatter = self.scatter
+        if self.repeats is None or scatter is None or not np.any(damped):
+            return None, scatter
         own = np.einsum("lii->li", NoiseLines.of(self.repeats).matrices).real
         usual = np.nanmedian(np.where(damped, np.nan, own), axis=0)
         near = uniform_filter1d(own, _NEAR, axis=0, mode="nearest")
         seen = np.all(~damped | (near >= _LACKING * usual), axis=1)
         kept = int(np.flatnonzero(seen)[-1]) + 1
         if kept == len(seen):
-            return None, self.scatter
+            return None, scatter
         samples = 2 * kept - 1
         periods = np.stack([series_of(lines_of(each)[:kept], samples) for each in self.repeats])
-        weight = float(np.mean(self.counts)) / len(periods)
-        return kept, scatter_between_periods(periods, np.full(periods.shape[:2], weight))
+        found = scatter_between_periods(periods, np.ones(periods.shape[:2]))
+        share = scatter.freedom / len(self.values) / (len(periods) - 1)
+        return kept, NoiseEstimate(found.covariance / share, found.freedom * share)
 
     def as_recorded(self, values: Array) -> Array:
         """Return series of these channels, (N, 6, …), after filters and delays of their sensors."""
@@ -164,7 +166,9 @@ class Channels:
         if spectrum == "estimated" or empirical.lines is None:
             return self._estimate_noise(always=True)
         white = replace(
-            empirical, lines=self.recorded_lines(NoiseLines.of(self.repeats)), filter=None
+            empirical,
+            lines=self.recorded_lines(self._lines_of(self.repeats, empirical)),
+            filter=None,
         )
         return self.noise_before_sensors(white)
 
@@ -179,22 +183,33 @@ class Channels:
             return None
         if repeats is None or len(repeats) < FEWEST_PERIODS or repeated.is_singular:
             return self.noise_before_sensors(repeated)
-        lines, size = self.recorded_lines(NoiseLines.of(repeats)), None
+        lines, size = self.recorded_lines(self._lines_of(repeats, repeated)), None
         covariance = repeated.covariance
         if self.profile is not None:
             size = self.profile.std
-            scaled = NoiseLines.of(repeats / size).covariance
+            scaled = self._lines_of(repeats / size, repeated).covariance
             # The variances of the scaled noise are those of the scatter.
             size = size * np.sqrt(np.diag(scaled) / np.diag(covariance))
-            lines = NoiseLines.of(repeats / size)
+            lines = self._lines_of(repeats / size, repeated)
             covariance = lines.covariance
         found = estimated_filter(lines.first(self.kept), covariance, always=always)
         if size is not None and self.profile is not None:
-            found = found or scaling_filter(covariance, lines.samples)
+            white = scaling_filter(covariance, lines.samples)
+            found = found or replace(white, loss=repeated.weighting_loss)
             words = f"{found.smoothing}, scaled over the {self.profile.over}"
             found = replace(found, size=size, smoothing=words)
         estimate = replace(repeated, covariance=covariance, lines=lines, filter=found)
         return self.noise_before_sensors(estimate)
+
+    def _lines_of(self, repeats: Array, scatter: NoiseEstimate) -> NoiseLines:
+        """Return the spectrum of repeats with the degrees of freedom of their scatter.
+
+        Samples that the mean replaces, and weight that outliers lost, show no noise.
+        """
+        lines = NoiseLines.of(repeats)
+        freedom = scatter.freedom / lines.first(self.kept).samples
+        matrices = lines.matrices * (lines.freedom / freedom)
+        return replace(lines, matrices=matrices, freedom=freedom)
 
     def recorded_lines(self, lines: NoiseLines) -> NoiseLines:
         """Return the spectrum of the recorded noise, given that of the values."""

@@ -131,8 +131,10 @@ class _Spread:
 
     diagonal: Array
     """(R,), variances due to noise and unknown signs of friction, N²."""
+    size: Array
+    """(R,), size of the noise at each row, relative to its root mean square."""
     lines: Array | None
-    """(L,), variances of the noise's lines; None for white noise."""
+    """(L,), variances of the lines of the noise over its size; None for white noise."""
     factor: Array
     """(R, x), U C^½."""
     contrasts: float
@@ -145,8 +147,10 @@ class _Spread:
     @classmethod
     def of(cls, part: Linearisation, experiment: Experiment, channel: int) -> _Spread:
         noise, fit = experiment.noise.forces, experiment.fit
-        variance = float(noise.variances[channel])
-        diagonal = variance / part.counts + part.sign_variance[:, channel]
+        variance, size = float(noise.variances[channel]), np.ones(len(part.counts))
+        if noise.filter is not None and noise.filter.size is not None:
+            size = noise.filter.size[:, channel]
+        diagonal = variance * size**2 / part.counts + part.sign_variance[:, channel]
         factor = np.zeros((len(part.counts), 0))
         if fit is not None:
             factor = part.motion_columns[:, channel] @ np.linalg.cholesky(
@@ -160,9 +164,9 @@ class _Spread:
             # Degrees of freedom of the sum over all lines; its squares are too large.
             times = multiplicity(noise.lines.samples)
             spread = (times @ lines) ** 2 / (times @ lines**2) * (1 + 1 / contrasts)
-            freedom = contrasts * float(spread)
+            freedom = contrasts * float(spread) / float(np.mean(size**4))
         known = not noise.includes_model_error
-        return cls(diagonal, lines, factor, contrasts, freedom, known)
+        return cls(diagonal, size, lines, factor, contrasts, freedom, known)
 
     @property
     def variances(self) -> Array:
@@ -182,7 +186,7 @@ class _Spread:
         """Return vᵀ V v."""
         own = values**2 @ self.diagonal
         if self.lines is not None:
-            powers = np.abs(lines_of(values)) ** 2 * multiplicity(len(values))
+            powers = np.abs(lines_of(values * self.size)) ** 2 * multiplicity(len(values))
             noise = np.sum(powers * self.lines)
             white = np.sum(powers) * self._mean_line
             own += noise - white
@@ -202,8 +206,8 @@ class _Spread:
         total = np.sum(self.diagonal**2) + 2 * np.trace(mixed) + np.sum(inner**2)
         if self.lines is not None:
             times, count = multiplicity(len(self.diagonal)), len(self.diagonal)
-            own = times @ self.lines**2 / (1 + 1 / self.contrasts)
-            total += max(own - count * self._mean_line**2, 0.0)
+            own = float(times @ self.lines**2) / (1 + 1 / self.contrasts)
+            total += max(own - count * self._mean_line**2, 0.0) * float(np.mean(self.size**4))
         return float(total)
 
     @property

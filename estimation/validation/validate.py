@@ -141,7 +141,9 @@ def _predict_motion(
             prediction_errors(loaded, experiment, saved.estimate.values, motion.tolerance),
         ),
         _actuator_rows(number, name, experiment, diagnosis),
-        PredictedForces(experiment.times, *map(experiment.recording.forces.as_recorded, shown)),
+        PredictedForces(
+            experiment.times + recording.origin, *map(recording.forces.as_recorded, shown)
+        ),
         diagnosis.recordings[0].residuals,
         warnings,
     )

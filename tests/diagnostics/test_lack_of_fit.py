@@ -132,7 +132,7 @@ def test_cells_gather_equal_phases():
     assert np.ptp(phases) <= step / period
     scatter = cells.scatter(values)
     np.testing.assert_allclose(np.diag(scatter.covariance), 1, atol=0.25)
-    assert scatter.freedom == pytest.approx(weights.sum() - 46)
+    assert scatter.freedom == pytest.approx((weights**2).sum() - 46)
 
 
 def test_level_of_records_that_cannot_be_averaged(laboratory):

@@ -8,12 +8,13 @@ import pytest
 from estimation.estimators import add_prior_response
 from estimation.estimators.priors import ParameterPriors
 from estimation.identification import estimate_parameters, estimation_result
+from estimation.identification.calibration import estimated_machine
 from estimation.identification.result import EstimationResult
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.estimate import EstimateSection
 from expdesign.configuration.tolerances import IDENTIFIED_ROBOT as FILE
 from expdesign.configuration.tolerances import identified_name
-from expdesign.robot import load_robot
+from expdesign.robot import load_robot, robot_from
 from expdesign.robot.deviation import toleranced_deviations
 from tests.estimation.cases import measured, read_estimate, run, trajectory
 
@@ -70,6 +71,20 @@ def test_its_geometry_is_what_was_estimated(written):
         assert not np.any(moved)
 
 
+def test_its_estimate_does_not_move_it_once_more(written):
+    """Predictions for it and for the robot of the run are those of the same machine."""
+    _, folder = written
+    robots = robot_from(run(tolerances=TOLERANCES).robot), load_robot(folder / FILE)
+    first, second = (
+        estimated_machine(robot, read_estimate(folder, robot).estimate.systematic)
+        for robot in robots
+    )
+    for name in ("base_joints", "gravity"):
+        one, other = (getattr(each.robot.description, name) for each in (first, second))
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
+    assert first.delay == second.delay  # the recordings have it, whatever the robot is
+
+
 @pytest.mark.parametrize("inertia", ["0.2 kg", {"m_drive": "0.2 kg"}])
 def test_a_tolerance_of_a_lacking_term_stays(inertia, tmp_path):
     section = {"harmonics": 2, "estimators": ["ml"], "noise": "given", "systematic": "estimated"}
@@ -81,6 +96,11 @@ def test_a_tolerance_of_a_lacking_term_stays(inertia, tmp_path):
     assert result.best.systematic.std[0] < 0.2
     assert [one.tolerance for one in toleranced_deviations(robot)] == [0.2]
     assert robot.parameter_names == result.priors.names
+    # With it, and only so, the forces of the term are predicted.
+    saved = read_estimate(tmp_path, robot).estimate
+    assert saved.systematic.estimates == result.best.systematic.estimates
+    with pytest.raises(InputError, match="has no tolerance: drive_inertia_m_drive"):
+        read_estimate(tmp_path, load_robot("palida"))
 
 
 def test_a_doubtful_verdict_is_repeated_where_it_is_used(written):

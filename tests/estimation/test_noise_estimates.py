@@ -2,13 +2,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from estimation.data.measurement import Measurement
-from estimation.identification import estimate, estimate_parameters
+from estimation.data.sensors import SensorResponse
+from estimation.diagnostics.linearisation import linearise
+from estimation.identification import estimate, estimate_parameters, prepare_experiment
 from estimation.identification.periods import UnsuitableDataError
 from estimation.processing import PeriodSource, fold_recording
 from estimation.processing.noise import NoiseEstimate, huber_weights
-from tests.estimation.cases import ROBOT, measured, run, trajectory
+from expdesign.configuration.estimate import DataSection
+from expdesign.noise import lines_of, multiplicity
+from tests.estimation.cases import ROBOT, STEP, measured, run, trajectory
 
 NOISE = ROBOT.description.noise
 
@@ -75,6 +80,18 @@ def test_a_robust_record_has_the_covariance_of_clean_data(samples, periods):
         ):
             ratio = np.diag(found.covariance) / np.diag(true)
             assert np.all((ratio > 0.75) & (ratio < 1.3))
+
+
+def test_outliers_are_no_pure_error_where_periods_cannot_be_averaged():
+    """Nor in the scatter that lack of fit is compared with: a third more in strut 3."""
+    motion = trajectory(200.4)
+    scatters = []
+    for loss, data in (("huber", dirty(motion, 8)), ("squared", measured(motion, periods=8))):
+        experiment = prepare_experiment(run({"loss": loss, "harmonics": 2}), ROBOT, data, motion)
+        free, along = np.ones(len(ROBOT.parameters), dtype=bool), experiment.fit.motion
+        part = linearise(ROBOT, experiment, np.array(ROBOT.parameters), free, along)
+        scatters.append(np.diag(part.force_scatter.covariance))
+    np.testing.assert_allclose(*scatters, rtol=0.05)
 
 
 @pytest.mark.parametrize("periods", [1, 2, 3, 4, 8])
@@ -177,3 +194,45 @@ def test_short_recordings_that_begin_at_rest_are_different(resolution):
     # Pairs are compared in their order: the last one is refused, so that no other was.
     with pytest.raises(UnsuitableDataError, match="10 and 11 have 100 rows in common"):
         estimate_parameters(run(), [*data, recording(9, slice(200, 500))], motion)
+
+
+def _without_rows(data, share, seed):
+    """Return a recording in which a share of the samples is missing."""
+    draw = np.random.default_rng(seed).permutation(len(data))
+    kept = np.sort(draw[round(len(data) * share) :])
+    values = {name: getattr(data, name)[kept] for name in ("time", "lengths", "forces")}
+    return replace(data, **values, lost=len(data) - len(kept))
+
+
+@pytest.mark.parametrize("spectrum", ["white", "auto"])
+@pytest.mark.parametrize("loss", ["squared", "huber"])
+def test_missing_samples_and_outliers_do_not_make_the_spectrum_smaller(loss, spectrum):
+    """They are replaced by the mean, which is no noise: 6 % of four periods are 8 % of it."""
+    motion, robust = trajectory(), loss == "huber"
+    data = dirty(motion, 4) if robust else measured(motion, periods=4)
+    data = _without_rows(data, 0.06, 1)
+    recording = fold_recording(data, motion.omega, PeriodSource.DESIGN, robust=robust)
+    for channels in (recording.forces, recording.lengths):
+        noise = channels.noise(spectrum)
+        np.testing.assert_allclose(noise.lines.covariance, noise.covariance, rtol=1e-9)
+        assert noise.lines.freedom == pytest.approx(noise.freedom / 200)
+
+
+def test_noise_behind_a_filter_with_missing_samples_is_that_of_the_means():
+    """At the lines that the filter leaves. The recorded forces are noise alone."""
+    motion, periods = trajectory(), 10
+    section = DataSection.model_validate({"filter": {"Q": {"low_pass": 20.0, "order": 2}}})
+    sensors, low_pass = SensorResponse.of(section, "Q"), signal.butter(2, 20.0, fs=1 / STEP)
+    found, true = [], []
+    for seed in range(20):
+        data = measured(motion, seed, periods=periods)
+        white = np.random.default_rng(seed).normal(size=(len(data) + 200, 6))
+        noise = signal.lfilter(*low_pass, white, axis=0)[200:]
+        data = _without_rows(replace(data, forces=noise, force_sensors=sensors), 0.09, seed)
+        forces = fold_recording(data, motion.omega, PeriodSource.DESIGN).forces
+        samples, means = 2 * forces.kept - 1, forces.as_recorded(forces.values)
+        squares = np.abs(lines_of(means)[: forces.kept]) ** 2 * np.mean(forces.counts)
+        true.append(multiplicity(samples) @ squares / samples)
+        found.append(np.diag(forces.noise().covariance))
+    # 20 recordings of about 43 samples and 6 channels: a standard deviation of 2 %.
+    assert np.mean(found) == pytest.approx(np.mean(true), rel=0.05)

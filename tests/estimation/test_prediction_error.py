@@ -56,6 +56,19 @@ def test_noise_alone_is_no_error():
     assert all(each.largest_residual > 15.0 for each in found)
 
 
+def test_noise_that_grows_with_the_speed_is_no_error_where_it_is_large():
+    """Six times as large at the highest speed: constant noise would have an error in 60 %."""
+    state = MOTION.sample(np.arange(1000) * STEP)
+    speed = np.abs(ROBOT.strut_motion(*state).length_rate)
+    sizes, found = 5 * (1 + 5 * speed / speed.max(axis=0)), []
+    for seed in range(6):
+        data = measured(MOTION, seed, force_scale=0.0)
+        noise = sizes * np.random.default_rng(seed).normal(size=sizes.shape)
+        found += errors(replace(data, forces=data.forces + noise))
+    assert np.mean([each.largest_error == 0.0 for each in found]) > 0.8
+    assert np.mean([each.error_low == 0.0 for each in found]) > 0.8
+
+
 def test_what_one_sample_is_off_by_is_no_noise():
     data = measured(MOTION)
     data.forces[::200, 3] += 150.0

@@ -140,6 +140,16 @@ def test_the_measured_forces_of_a_prediction_are_those_of_the_recording(folder, 
     assert np.std(result.forces[0].measured, axis=0) == pytest.approx(rms)
 
 
+def test_the_times_of_a_prediction_are_those_of_the_recording(folder, tmp_path):
+    """Also of single samples, whose times are counted from the middle of the recording."""
+    data = measured(trajectory(200.4, seed=2), seed=1, periods=6)
+    write_measurement(data, tmp_path / "m.csv")
+    motions = [{"motion": "file", "file": str(tmp_path / "m.csv")}]
+    (found,) = validate(run(validate=motions), read_estimate(folder, ROBOT)).forces
+    assert len(found.time) > 5 * 200
+    np.testing.assert_allclose(found.time, data.time[: len(found.time)], rtol=0, atol=1e-9)
+
+
 def test_a_wrong_mass_fails(folder):
     saved = read_estimate(folder, ROBOT)
     saved.estimate.values[9] *= 1.2

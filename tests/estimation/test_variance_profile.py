@@ -8,7 +8,9 @@ from scipy import stats
 
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.finding import Status
-from estimation.identification import estimate_parameters
+from estimation.diagnostics.linearisation import linearise
+from estimation.diagnostics.residuals import force_residuals
+from estimation.identification import estimate_parameters, prepare_experiment
 from estimation.processing import PeriodSource, fold_recording
 from estimation.processing.variance import variance_profile
 from tests.estimation.cases import ROBOT, measured, run, trajectory
@@ -65,6 +67,26 @@ def test_outliers_are_judged_by_the_size_at_their_instant(loss):
     taken = found.experiments[0].recording.weight_taken
     # Without the size some 3 % of the samples lost weight.
     assert taken == pytest.approx(6.0, abs=3.0) if loss == "huber" else taken == 0
+
+
+def test_weights_of_scaled_white_noise_are_as_uncertain_as_without_its_size():
+    """Both take Σ from the same scatter; its estimate costs 4 % of the variance."""
+    fold = fold_recording(recording(1, "speed", periods=3), MOTION.omega, PeriodSource.DESIGN)
+    noise = fold.forces.noise()
+    assert noise.filter.smoothing == "white, scaled over the speed"
+    assert noise.weighting_loss == fold.forces.scatter.weighting_loss > 1.03
+
+
+def test_residuals_have_the_standard_deviation_of_their_instant():
+    """With the mean one, those at high speed are twice as large as those at low."""
+    experiment = prepare_experiment(run({"harmonics": 2}), ROBOT, recording(1, "speed"), MOTION)
+    values, none = np.array(ROBOT.parameters), np.zeros(len(ROBOT.parameters), dtype=bool)
+    part = linearise(ROBOT, experiment, values, none, experiment.fit.motion)
+    found, speed = force_residuals(experiment, part), np.abs(part.speed)
+    fast = speed > np.median(speed, axis=0)
+    squares = (found.forces / found.std) ** 2
+    ratio = np.sqrt(np.mean(squares[fast]) / np.mean(squares[~fast]))
+    assert ratio == pytest.approx(1.0, abs=0.15)
 
 
 def test_even_noise_has_no_profile():
