@@ -63,7 +63,12 @@ class Accuracy:
     ]
     range: Annotated[float, described("N", "largest less smallest predicted force")]
     detectable: Annotated[
-        float, described("N", "rms of an error that the lack-of-fit test finds in 90 % of cases")
+        OpenNumber,
+        described(
+            "N",
+            "rms of an error that the lack-of-fit test finds in 90 % of cases; empty where the "
+            "noise is not known",
+        ),
     ]
     tolerance: Annotated[OpenNumber, described("N", "that is good enough; empty without one")]
     kept: Annotated[Kept, described("", "within, beyond or not decided; empty without tolerance")]
@@ -230,7 +235,9 @@ class _Spread:
         return max(middle - half, 0.0), max(middle + half, 0.0)
 
     def detectable(self) -> float:
-        """Return the Σ b² that the test of one actuator detects with the stated probability."""
+        """Return the Σ b² that the test of one actuator detects; NaN without a known noise."""
+        if not self.known:
+            return np.nan
         level = float(scipy.stats.norm.isf(LACK_OF_FIT / ACTUATORS)) * np.sqrt(self.uncertainty)
         z, slope = float(scipy.stats.norm.ppf(_FOUND)), self.squares / max(self.trace, 1e-300)
         middle = level + 2 * z**2 * slope

@@ -150,6 +150,18 @@ def test_the_times_of_a_prediction_are_those_of_the_recording(folder, tmp_path):
     np.testing.assert_allclose(found.time, data.time[: len(found.time)], rtol=0, atol=1e-9)
 
 
+def test_a_motion_without_a_period_is_predicted_and_read_again(folder, tmp_path):
+    """No second period shows its noise, and with it which errors the test would find."""
+    data = measured(trajectory(320, harmonics=3), seed=3, periods=0.7)
+    write_measurement(data, tmp_path / "m.csv")
+    motions = [{"motion": "file", "file": str(tmp_path / "m.csv"), "tolerance": "60 N"}]
+    result = validate(run(validate=motions), read_estimate(folder, ROBOT))
+    result.write(tmp_path)
+    for each in type(result).read(tmp_path).errors:
+        assert np.isnan(each.detectable)
+        assert each.error_low == 0 < each.error_high < 60
+
+
 def test_a_wrong_mass_fails(folder):
     saved = read_estimate(folder, ROBOT)
     saved.estimate.values[9] *= 1.2
