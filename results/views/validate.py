@@ -89,10 +89,12 @@ def validation_view(folder: RunFolder) -> StageView:
 def _accuracy(motion: PredictedMotion) -> TextBlock:
     """Return a text on the size of the error and the meaning of a failed test."""
     worst = max(motion.errors, key=lambda each: each.error_high)
+    known = np.isfinite(worst.detectable)
+    noise = "noise subtracted" if known else "with the noise, which is not known"
     text = (
         f"The error of the prediction is at most {worst.error_high:.3g} N rms (actuator "
         f"{worst.actuator}, 95 %), {100 * worst.error_high / worst.range:.2g} % of the range of "
-        "its force, noise subtracted."
+        f"its force, {noise}."
     )
     level = Level.NEUTRAL
     if motion.tolerance is not None:

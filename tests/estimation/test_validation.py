@@ -11,10 +11,13 @@ from estimation.identification import estimate_parameters, estimation_result
 from estimation.identification.estimate import identified_model
 from estimation.identification.result import EstimationResult
 from estimation.twin.truth import write_measurement
-from estimation.validation.validate import validate
+from estimation.validation.validate import ValidationResult, validate
 from expdesign.configuration import InputError, load_run
 from expdesign.configuration.experiment import ValidationMotion
 from expdesign.motion.benchmark import benchmark_motion
+from results.views.folder import RunFolder
+from results.views.validate import validation_view
+from results.views.view import TextBlock
 from tests.estimation.cases import ROBOT, STEP, measured, read_estimate, run, trajectory
 
 MOTION = trajectory(seed=2)
@@ -160,6 +163,9 @@ def test_a_motion_without_a_period_is_predicted_and_read_again(folder, tmp_path)
     for each in type(result).read(tmp_path).errors:
         assert np.isnan(each.detectable)
         assert each.error_low == 0 < each.error_high < 60
+    made = RunFolder(tmp_path, {}, run(), results={ValidationResult: result})
+    texts = [each.text for each in validation_view(made).blocks if isinstance(each, TextBlock)]
+    assert any("with the noise, which is not known" in text for text in texts)
 
 
 def test_a_wrong_mass_fails(folder):
