@@ -10,6 +10,7 @@ import scipy
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.estimators.priors import UnidentifiableError
 from estimation.identification import estimate_parameters, estimation_result
+from estimation.identification.calibration import estimated_machine
 from estimation.identification.result import EstimationResult
 from estimation.selection import Evidence
 from expdesign.configuration import InputError, load_run
@@ -146,6 +147,8 @@ def test_what_is_written_of_them(tmp_path):
     left = {one.name: one.tolerance for one in toleranced_deviations(robot)}
     np.testing.assert_allclose([left["cogging_pitch"], left["stribeck_velocity"]], std)
     assert len(estimated_constants(robot)) == 2
+    own = estimated_machine(robot, read_estimate(tmp_path, robot).estimate.systematic).robot
+    np.testing.assert_allclose(own.description.constants, values)
     saved = read_estimate(tmp_path, robot_from(run.robot)).estimate
     np.testing.assert_allclose(saved.systematic.values, result["ml"].systematic.values)
     np.testing.assert_allclose(saved.covariance_random, result["ml"].covariance_random)
