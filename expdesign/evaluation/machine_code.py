@@ -74,38 +74,28 @@ class MachineCode:
         Of the function.
     scratch : int
         Numbers of its working memory.
-    spare : int
-        Numbers that it may read and write behind each array.
     """
 
-    def __init__(self, address: int, form: Form, scratch: int, spare: int) -> None:
+    def __init__(self, address: int, form: Form, scratch: int) -> None:
         pointer, table = ctypes.c_void_p, ctypes.POINTER(ctypes.c_void_p)
         kinds = (table, pointer, table, ctypes.c_int64, pointer)
         self._evaluate = ctypes.CFUNCTYPE(None, *kinds)(address)
         self.form = form
-        self._scratch, self._sizes, self._spare = scratch, form.sizes, spare
+        self._scratch, self._sizes = scratch, form.sizes
 
     def __call__(self, varying: Sequence[Array], fixed: Sequence[Array]) -> list[Array]:
         """Evaluate without checks: varying inputs (N, rows), fixed ones (rows,) → (N, elements)."""
         count = len(varying[0])
-        inputs = [
-            np.ascontiguousarray(value, dtype=np.float64)
-            if value.shape[1] >= self._spare
-            else np.append(value, np.zeros(self._spare))
-            for value in varying
-        ]
+        inputs = [np.ascontiguousarray(value, dtype=np.float64) for value in varying]
         shared = np.concatenate([np.ravel(value) for value in fixed] or [np.empty(0)])
-        outputs = [np.zeros(count * size + self._spare) for size in self._sizes]
+        outputs = [np.zeros((count, size)) for size in self._sizes]
         scratch = np.empty(self._scratch + _ALIGNED // 8)
         aligned = -(-scratch.ctypes.data // _ALIGNED) * _ALIGNED
         if count:
             self._evaluate(
                 _addresses(inputs), shared.ctypes.data, _addresses(outputs), count, aligned
             )
-        return [
-            output[: count * size].reshape(count, size)
-            for output, size in zip(outputs, self._sizes, strict=True)
-        ]
+        return outputs
 
 
 def _addresses(arrays: Sequence[Array]) -> Any:
@@ -153,7 +143,7 @@ def machine_code(
             except (UnknownInstructionError, RuntimeError):
                 return None  # RuntimeError: LLVM's own
             scratch = scratch_size(function, form.varying, lanes)
-            described = json.dumps({"form": asdict(form), "scratch": scratch, "spare": lanes.count})
+            described = json.dumps({"form": asdict(form), "scratch": scratch})
             content = described.encode() + b"\n" + code
             _keep(entry, content)
         if key is not None:
@@ -235,7 +225,7 @@ def _load(content: bytes) -> MachineCode:
     described, _, code = content.partition(b"\n")
     known = json.loads(described)
     form = {key: _tuples(value) for key, value in known["form"].items()}
-    return MachineCode(_entry_address(code), Form(**form), known["scratch"], known["spare"])
+    return MachineCode(_entry_address(code), Form(**form), known["scratch"])
 
 
 def _entry_address(code: bytes) -> int:

@@ -96,8 +96,7 @@ def vector_code(
 
     Its arguments are a table of the varying inputs, each stored sample by sample; the fixed inputs
     one after the other; a table of the outputs, stored like the varying inputs; the number of
-    samples, at least one; and `scratch_size` numbers at a multiple of 64 bytes. Arrays with fewer
-    rows than `lanes.count` need that many spare numbers at their end.
+    samples, at least one; and `scratch_size` numbers at a multiple of 64 bytes.
 
     Parameters
     ----------
@@ -119,15 +118,14 @@ def vector_code(
     """
     program = _Program(function, varying, lanes)
     inputs, _ = _counts(function)
-    entry = block_loop(inputs[:varying], program.parts, places, sizes, int(function.sz_w()), lanes)
+    entry = block_loop(inputs[:varying], program.parts, places, sizes, lanes)
     return "\n".join([*program.text(), *entry, _ATTRIBUTES])
 
 
 def scratch_size(function: ca.Function, varying: int, lanes: Lanes) -> int:
     """Return the number of elements in the working memory of `ENTRY`."""
-    inputs = sum(_counts(function)[0][:varying])
-    rows = inputs + sum(_counts(function)[1]) + int(function.sz_w()) + 1
-    return lanes.count * (rows + lanes.count)
+    inputs, outputs = _counts(function)
+    return lanes.count * (sum(inputs[:varying]) + sum(outputs) + int(function.sz_w()))
 
 
 def _counts(function: ca.Function) -> tuple[list[int], list[int]]:
