@@ -10,9 +10,11 @@ from estimation.estimators import ParameterPriors
 from estimation.identification import estimate_parameters, estimation_result
 from estimation.identification.result import EstimationResult
 from estimation.uncertainty.consistency import (
+    DRAWS,
     consistency_text,
     consistent_estimate,
     least_favourable,
+    monte_carlo_p,
 )
 from expdesign.configuration import load_run
 from expdesign.configuration.estimate import EstimateSection
@@ -210,3 +212,19 @@ def test_a_sharp_estimate_of_a_machine_that_no_bodies_are_is_told_so():
     assert told.startswith("not physically consistent")
     assert "robot file" in told
     assert "robot file" not in consistency_text(found, known=True)
+
+
+# --- p-value from draws ---------------------------------------------------------------------------
+
+
+def test_a_p_value_from_draws_is_smallest_if_none_is_as_far():
+    assert monte_carlo_p(iter([False] * DRAWS)) == pytest.approx(1 / (DRAWS + 1))
+    assert monte_carlo_p(iter([True, False, False])) == pytest.approx(2 / 4)
+
+
+@pytest.mark.parametrize("share", [0.005, 0.05, 0.5])
+def test_a_p_value_from_draws_is_that_of_the_distance(share):
+    """A distance that a share of the draws exceeds has this p, within the error of a sample."""
+    rng = np.random.default_rng(3)
+    found = [monte_carlo_p(iter(rng.uniform(size=DRAWS * 10) < share)) for _ in range(200)]
+    assert np.mean(found) == pytest.approx(share, rel=0.15)

@@ -64,6 +64,22 @@ def test_a_covariance_without_full_rank_counts_its_rank():
     assert test.statistic == pytest.approx(9)
 
 
+@pytest.mark.parametrize("k", range(SIZE))
+def test_estimates_from_the_same_data_may_differ_by_a_sixth(covariance, k):
+    std, same = np.sqrt(np.diag(covariance)), np.zeros(SIZE)
+    small, large = (share * std[k] * np.eye(SIZE)[k] for share in (0.15, 1.0))
+    random = 1e-6 * covariance
+
+    for_sure = difference_test(same, small, random)
+    assert for_sure.differ_jointly
+    assert for_sure.differs[k]
+    tolerated = difference_test(same, small, random, covariance)
+    assert tolerated.std == pytest.approx(std / 6, rel=0.05)
+    assert tolerated.freedom == 0
+    assert not tolerated.differs[k]
+    assert difference_test(same, large, random, covariance).differs[k]
+
+
 def test_hausman_of_errors_in_the_regressor():
     """A line through points whose abscissae are known, or noisy: only the latter is called."""
     rng = np.random.default_rng(1)
