@@ -72,8 +72,8 @@ def test_a_pitch_comes_back_with_what_it_moves(expdesign, runs, tmp_path):
         status, out, messages = expdesign(*command)
         assert status == 0, messages
         if command[0] == "estimate":
-            (written,) = re.findall(r"cogging\.pitch +m +[\d.]+ +– +([\d.]+)\(", out)
-            assert float(written) == pytest.approx(PITCH, abs=0.5 * (NEAR - PITCH))
+            (written,) = re.findall(r"cogging\.pitch +mm +[\d.]+ +– +([\d.]+)\(", out)
+            assert 1e-3 * float(written) == pytest.approx(PITCH, abs=0.5 * (NEAR - PITCH))
     for row in _rows(found / "tables" / "constants.csv"):
         assert (row["constant"], float(row["stated"])) == ("cogging.pitch", NEAR)
         assert abs(float(row["value"]) - PITCH) < 4 * float(row["std"])
