@@ -1,5 +1,6 @@
 """Readers of recordings in a copy of this process: as safe as a process of its own, and at once."""
 
+import faulthandler
 import os
 import pickle
 import resource
@@ -21,6 +22,7 @@ def load_forked(file_format, path, section):
         warnings.simplefilter("ignore", DeprecationWarning)  # threads: the copy uses none
         child = os.fork()
     if child == 0:
+        faulthandler.disable()  # a crash is an answer, its traceback no part of the output
         signal.alarm(_SECONDS)
         resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
