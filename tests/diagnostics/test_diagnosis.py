@@ -29,6 +29,7 @@ def test_a_sound_estimate_is_accepted(laboratory, sound):
     assert all(f.outcome is FindingOutcome.HOLDS for f in result.verdict.findings)
     assert not any(f.advice for f in result.verdict.findings)
     assert result.verdict.summary.startswith("accepted")
+    assert all(recording.tests.settled for recording in result.recordings)
 
 
 def test_estimators_agree_on_what_the_model_lacks(laboratory, sound):
