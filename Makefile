@@ -48,7 +48,7 @@ $(VENV)/.locked: $(VENV)/.installed
 # `make test` keeps two cores busy; the other tests also wait for programs and clusters.
 PYTEST := $(BIN)/python -m pytest --dist worksteal
 
-test: venv ## Run the tests, 6 minutes on two cores (ARGS="-k jacobian" for some of them)
+test: venv ## Run the tests, 6 to 10 minutes on two cores (ARGS="-k jacobian" for some of them)
 	@$(BIN)/python -m compileall -qq -j 0 constraints expdesign estimation results # once, not in each process
 	$(PYTEST) -n 2 -m "not slow and not system" $(ARGS)
 

@@ -136,7 +136,7 @@ def _errors_table(result: ValidationResult, torque_per_force: float | None) -> R
         TableColumn("tolerance", "N", digits=3, of="tolerance", screen=judged),
         TableColumn("kept", kind="text", of=lambda row: str(row.kept.value), screen=judged),
     )
-    caption = "Error of the prediction, noise subtracted"
+    caption = "Error of the prediction, noise subtracted where it is known"
     return ReportTable.of("prediction_errors", caption, columns, result.errors, screen=True)
 
 
