@@ -82,7 +82,7 @@ def find_hum(periods: Array, step: float, spectrum: ComplexArray, freedom: float
     spectrum : (N // 2 + 1, 6, 6)
         Smoothed spectrum of one sample's noise at the lines of a period.
     freedom : float
-        Degrees of freedom of the spectrum.
+        Degrees of freedom of the spectrum, finite.
     """
     count, samples, channels = periods.shape
     rest = (periods - periods.mean(axis=0)).reshape(count * samples, channels)

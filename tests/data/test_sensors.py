@@ -29,6 +29,7 @@ from estimation.identification.recording import (
     fold_measurement,
     prepare_experiment,
 )
+from estimation.processing.period import find_settled_window
 from estimation.twin import Twin
 from estimation.twin.truth import write_measurement
 from expdesign.configuration import InputError
@@ -463,3 +464,26 @@ def test_periods_are_left_out_in_which_a_stated_filter_begins_from_nothing(
     assert "had not settled" in found.warnings[-1]
     settled = replace(recording, force_sensors=None)
     assert leave_out_ramps(case, settled, palida_motion()) is settled
+
+
+def test_a_period_is_left_out_in_which_the_filter_of_the_lengths_alone_has_not_settled() -> None:
+    samples, rng = 200, np.random.default_rng(2)
+    period = samples * STEP
+    times = STEP * np.arange(8 * samples)
+    lengths = 0.7 + 0.1 * np.sin(2 * np.pi * times / period)[:, None] + np.zeros(6)
+    lengths += 1e-5 * rng.normal(size=lengths.shape)
+    forces = 20.0 * rng.normal(size=lengths.shape)
+    section = DataSection.model_validate(
+        {"filter": {name: {"low_pass": "10 Hz"} for name in ("q", "Q")}}
+    )
+    of_lengths, of_forces = (SensorResponse.of(section, name) for name in ("q", "Q"))
+
+    def window(values: Array) -> tuple[float, float] | None:
+        data = Measurement(
+            times, values, forces, STEP, length_sensors=of_lengths, force_sensors=of_forces
+        )
+        return find_settled_window(data, 2 * np.pi / period)
+
+    assert window(lengths) is None
+    lengths[:20] += 1e-3
+    assert window(lengths) == pytest.approx((period, 8 * period))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from scipy.stats import chi2
 
 from estimation.diagnostics.finding import FindingOutcome
 from estimation.diagnostics.noise_analysis import hum_finding
@@ -16,6 +17,8 @@ from expdesign.runfolder import ArrayTable
 STEP, PERIODS, SAMPLES = 2e-3, 8, 497
 SIZE = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
 RHO = 0.8
+KNOWN = 1e9
+"""Degrees of freedom of a spectrum that is known."""
 
 
 def _noise(rng, rho=RHO, samples=SAMPLES):
@@ -108,8 +111,27 @@ def test_a_hum_is_seldom_found_where_there_is_none():
     spectrum = np.broadcast_to(np.diag(SIZE**2), (SAMPLES // 2 + 1, 6, 6)).astype(complex)
     for _ in range(40):
         noise = rng.normal(size=(PERIODS, SAMPLES, 6)) * SIZE
-        alarms += bool(find_hum(noise, STEP, spectrum, np.inf).lines)
+        alarms += bool(find_hum(noise, STEP, spectrum, KNOWN).lines)
     assert alarms <= 2  # 0.04 expected
+
+
+def test_significance_of_a_hum_is_that_of_its_power():
+    samples = 505  # 50.5 turns of 50 Hz: the mean over two periods has none of them
+    spectrum = np.broadcast_to(np.diag(SIZE**2), (samples // 2 + 1, 6, 6)).astype(complex)
+
+    def significance(power):
+        hum = _hum(50.0, SIZE * np.sqrt(4 * power / (PERIODS * samples)), samples)
+        return find_hum(hum.reshape(PERIODS, samples, 6), STEP, spectrum, KNOWN).p
+
+    smaller, larger = 5.5, 7.7
+    expected = np.divide(*chi2.sf([12 * larger, 12 * smaller], 12))
+    assert significance(larger) / significance(smaller) == pytest.approx(expected, rel=0.02)
+
+
+def test_no_hum_is_significant_where_the_sampling_shows_none():
+    periods = np.random.default_rng(6).normal(size=(PERIODS, 40, 6))
+    found = find_hum(periods, 1 / 80, np.broadcast_to(np.eye(6) + 0j, (21, 6, 6)), KNOWN)
+    assert (found.lines, found.p) == ((), 1.0)
 
 
 def test_the_table_is_a_spectrum_that_a_run_takes(tmp_path):

@@ -21,6 +21,7 @@ from estimation.identification import (
 from estimation.identification.periods import choose_omega
 from estimation.kinematics import MotionFitError
 from estimation.processing import PeriodSource
+from estimation.processing.periodic_recording import single_recording
 from expdesign.configuration import InputError, load_run
 from expdesign.robot import robot_from
 from expdesign.trajectory import FourierTrajectory
@@ -327,6 +328,11 @@ def test_a_few_lost_samples_change_little():
         assert np.exp(np.mean(np.log(result[name].std / whole[name].std))) == pytest.approx(
             1, abs=0.03
         )
+
+
+def test_a_recording_without_a_period_counts_its_lost_samples():
+    recording = single_recording(lossy(measured(MOTION), [17, 18, 444]))
+    assert (recording.rows, recording.lost) == (997, 3)
 
 
 def test_a_phase_that_every_period_lost_is_left_out():
