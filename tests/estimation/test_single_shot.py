@@ -65,6 +65,9 @@ def test_a_difference_of_estimates_does_not_depend_on_the_parts_it_is_summed_in(
     found = run_estimators(ROBOT, [experiment], priors, ("gm", "ml"))
     filters = [found[name].influences[0].weights.filter is None for name in ("gm", "ml")]
     assert filters == [False, True]
+    # No weights are better than those of the noise itself (Gauss and Markov), which is white.
+    white = run_estimators(ROBOT, [replace(experiment, linear_noise=None)], priors, ("gm",))
+    assert np.all(found["gm"].std > white["gm"].std)
     whole = covariance_ml_less_gm(found)
     monkeypatch.setattr(prediction, "_CHUNK", 100)
     scale = np.sqrt(np.diag(whole))
@@ -253,6 +256,20 @@ def test_correlated_channels_share_the_errors_of_their_memories(correlation, oth
     values, variances = np.array(found).T
     stated = np.median(np.sqrt(variances) / values)
     assert stated == pytest.approx(np.std(np.log(values)), rel=0.25)
+
+
+def test_an_uncertain_sample_has_little_weight_in_every_filtered_value():
+    rng, count, place = np.random.default_rng(7), 600, 300
+    certainty = np.where(np.arange(count) == place, 0.0, 1.0)
+    noise = autoregressive_noise(
+        simulate(count, 0.8, rng), np.zeros((count, 6, 0)), certainty, "estimated"
+    )
+    impulse = np.zeros((count, 6))
+    impulse[place] = 1.0
+    assert noise.filter.lag >= 1
+    assert np.all(noise.filter(impulse) == 0)
+    # All samples that do not depend on it keep their weights.
+    np.testing.assert_array_less(0.1, np.abs(noise.filter(np.roll(impulse, 50, axis=0))[350]))
 
 
 def test_filtered_equations_are_those_of_the_whole_matrices():
