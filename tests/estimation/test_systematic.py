@@ -14,7 +14,8 @@ from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.finding import FindingOutcome
 from estimation.diagnostics.hypothesis import MODELLED
 from estimation.diagnostics.tolerance_test import tolerance_findings
-from estimation.estimators import covariance_ml_less_gm
+from estimation.estimators import SystematicUncertainty, covariance_ml_less_gm
+from estimation.estimators.covariance import EstimatedDeviation
 from estimation.identification import estimate_parameters, estimation_result
 from estimation.identification.estimate import estimate
 from estimation.identification.recording import prepare_experiment
@@ -31,7 +32,7 @@ from expdesign.experiment.precision import (
 from expdesign.robot import robot_from
 from expdesign.robot.deviation import apply_deviations, toleranced_deviations
 from expdesign.trajectory import TrajectoryFile
-from tests.estimation.cases import ROBOT, measured, run, trajectory
+from tests.estimation.cases import ROBOT, made_up, measured, run, trajectory
 
 STEP = 0.01
 MOTION, OTHER = (trajectory(100, STEP, seed=seed) for seed in (4, 5))
@@ -663,3 +664,21 @@ def test_a_zero_that_its_tolerance_explains_is_untested_for_this_reason():
     (zero,) = (one for one in findings if one.assumption.startswith("lengths are measured from"))
     assert zero.outcome is FindingOutcome.NOT_TESTED
     assert zero.sentence == MODELLED
+
+
+def test_coloured_noise_is_as_significant_with_tolerances_as_without(chosen):
+    """The ratio is one of variances due to noise, to which tolerances add nothing."""
+    count = len(ROBOT.parameters)
+    colour, freedom = np.linspace(1.0, 1.3, count), np.full(count, 200.0)
+    alone = replace(made_up(ROBOT.parameters, 0.1), colour=colour, freedom=freedom)
+    systematic = SystematicUncertainty(
+        estimated=False,
+        deviations=tuple(EstimatedDeviation.of(replace(each, tolerance=1.0)) for each in chosen),
+        response=np.full((count, len(chosen)), 0.03),
+    )
+    both = alone.with_systematic(systematic)
+    assert np.all(both.std > 1.2 * alone.std)
+    place, ratio, p = alone.largest_colour_ratio()
+    assert (place, ratio) == (count - 1, 1.3)
+    assert 1e-6 < p < 1
+    assert both.largest_colour_ratio() == pytest.approx((place, ratio, p))
