@@ -7,6 +7,7 @@ from estimation.data.measurement import Measurement
 from estimation.processing import PeriodError, PeriodSource, fold_recording
 from estimation.processing.period import (
     omega_from_column,
+    omega_error,
     omega_from_data,
     refine_omega,
     whole_samples,
@@ -26,6 +27,15 @@ def test_the_period_is_found_in_the_data_alone(samples):
     found = omega_from_data(measured(motion, seed=1))
     # A thousandth of a step per period.
     assert abs(found / motion.omega - 1) < 1e-3 / samples
+
+
+def test_the_error_of_the_frequency_is_as_large_as_stated():
+    motion = trajectory(80)
+    draws = [measured(motion, seed=seed, length_scale=5.0) for seed in range(40)]
+    found = [refine_omega(data, motion.omega, 1e-3) for data in draws]
+    stated = np.median([omega_error(*pair) for pair in zip(draws, found, strict=True)])
+    # The scatter of 40 is known to 11 %.
+    assert stated == pytest.approx(np.sqrt(np.mean((np.array(found) - motion.omega) ** 2)), rel=0.3)
 
 
 @pytest.mark.parametrize("strong", [2, 3])
