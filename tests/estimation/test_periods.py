@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 from estimation.data.measurement import Measurement
 from estimation.processing import PeriodError, PeriodSource, fold_recording
 from estimation.processing.period import (
-    omega_from_column,
     omega_error,
+    omega_from_column,
     omega_from_data,
     refine_omega,
     whole_samples,
