@@ -32,8 +32,8 @@ from estimation.twin import Twin
 from estimation.twin.machine import draw_machine, machine_within_tolerances
 from expdesign import design
 from expdesign.configuration import RunConfiguration, load_run, resolved_yaml
-from expdesign.configuration.motions import motion_runs
 from expdesign.configuration.run import robot_yaml
+from expdesign.configuration.several_runs import motion_runs
 from expdesign.configuration.tolerances import IDENTIFIED_ROBOT
 from expdesign.experiment import DesignResult
 from expdesign.experiment.judging import noise_evaluator

@@ -25,7 +25,6 @@ from expdesign.configuration import (
 from expdesign.configuration.bodies import bodies_in_words
 from expdesign.configuration.consistency import refuse_missing_task
 from expdesign.configuration.estimate import name_in_run_file
-from expdesign.configuration.grid import value_text
 from expdesign.configuration.limits import (
     defaults_in_words,
     held_in_words,
@@ -36,6 +35,7 @@ from expdesign.configuration.limits import (
 from expdesign.configuration.noise import NOISE_FROM_DATA
 from expdesign.configuration.robot import load_robot_description
 from expdesign.configuration.run import yaml_lines
+from expdesign.configuration.several_runs import value_text
 from expdesign.library import robot_files
 from expdesign.robot import Robot, robot_from
 from expdesign.robot.deviation import estimated_constants

@@ -28,7 +28,6 @@ from expdesign.configuration.document import (
 )
 from expdesign.configuration.errors import InputError, Problem, collect
 from expdesign.configuration.experiment import ValidationMotion
-from expdesign.configuration.grid import grid_points
 from expdesign.configuration.robot import (
     ResolvedRobot,
     RobotDescription,
@@ -39,6 +38,7 @@ from expdesign.configuration.robot import (
 )
 from expdesign.configuration.run import RUN_FORMAT, RunConfiguration, RunDescription, run_schema
 from expdesign.configuration.schema import Section, offered_keys, validate
+from expdesign.configuration.several_runs import grid_points
 from expdesign.library import robot_files, run_files
 
 S = TypeVar("S", bound=Section)

@@ -20,7 +20,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from expdesign.configuration import RunConfiguration
-from expdesign.configuration.motions import motion_folders, motion_runs, seed_of
+from expdesign.configuration.several_runs import motion_folders, motion_runs, seed_of
 from expdesign.experiment import result
 from expdesign.experiment.design import FoundMotion, design_result, find_motion
 from expdesign.experiment.judging import noise_evaluator

@@ -14,8 +14,8 @@ from pydantic import AfterValidator
 
 from expdesign.configuration import RunConfiguration, quote
 from expdesign.configuration.design import path_units
-from expdesign.configuration.grid import resolved_cell, short_path, value_text
 from expdesign.configuration.run import GridPoint
+from expdesign.configuration.several_runs import resolved_cell, short_path, value_text
 from expdesign.experiment.design import design
 from expdesign.experiment.plan import Prediction, minutes_to_goals
 from expdesign.experiment.result import DesignResult

@@ -1,7 +1,12 @@
-"""The result of an export, `exports.json`: the motion, and every controller table that holds it."""
+"""The result of an export: the motion, and every controller table that holds it.
+
+`exports.json` has it for programs, `README.txt` for people.
+"""
 
 from __future__ import annotations
 
+import math
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -11,12 +16,12 @@ import numpy as np
 from pydantic import Field
 
 from constraints.arrays import Array
-from expdesign.export.definition import Task
+from expdesign.export.definition import Task, scaled_in_words
 from expdesign.export.exporting import Export
 from expdesign.export.read_back import LimitsOfMotion, TableCheck
 from expdesign.mechanism.hexapod import COORDINATE_NAMES, actuator_names
 from expdesign.motion.executable import ExecutableMotion, LeadRamps, lead_ramps
-from expdesign.recheck.limit_check import Unlimited, unlimited
+from expdesign.recheck.limit_check import Unlimited, in_words, unlimited
 from expdesign.runfolder import JsonFile, described
 from expdesign.templates import text_templates
 from expdesign.trajectory import FourierTrajectory
@@ -221,3 +226,32 @@ class ExportResult(JsonFile):
 def result_file(table: Path) -> Path:
     """Return the path of the result of a single table in a folder of the user's."""
     return table.with_name(f"{table.name}.json")
+
+
+_WIDTH = 96
+
+
+def readme(result: ExportResult) -> str:
+    """Return the instructions for every file of an export."""
+    motion = result.motion
+    environment = text_templates("expdesign.export")
+    environment.filters |= {
+        "heading": lambda text, line: f"{text}\n{line * len(text)}\n",
+        "paragraph": _paragraph,
+        "scaled_in_words": scaled_in_words,
+    }
+    text = environment.get_template("readme.txt.j2").render(
+        motion=motion,
+        files=result.files,
+        scaled=[name for name, file in result.files.items() if file.scale != 1],
+        place=", ".join(f"{1e3 * value:.6g}" for value in motion.home[:3]),
+        turn=", ".join(f"{math.degrees(value):.6g}" for value in motion.home[3:]),
+        unlimited=in_words(motion.unlimited),
+        isfinite=math.isfinite,
+    )
+    return text.rstrip("\n") + "\n"
+
+
+def _paragraph(text: str) -> str:
+    filled = textwrap.fill(join_words(text), _WIDTH, break_long_words=False, break_on_hyphens=False)
+    return f"{filled}\n\n"

@@ -22,7 +22,7 @@ from expdesign.configuration import (
     resolved_yaml,
 )
 from expdesign.configuration.design import Effort
-from expdesign.configuration.motions import motion_folders, motion_runs
+from expdesign.configuration.several_runs import motion_folders, motion_runs
 from expdesign.evaluation.machine_code import evaluator
 from expdesign.interruption import clean_up, interruptible
 from expdesign.library import run_files

@@ -21,7 +21,6 @@ from expdesign.export.exporting import (
     refuse_missing_library,
     refuse_unreadable_name,
 )
-from expdesign.export.readme import readme
 from expdesign.export.result import (
     FOLDER,
     README,
@@ -31,6 +30,7 @@ from expdesign.export.result import (
     ExportResult,
     exported_motion,
     exported_table,
+    readme,
     result_file,
 )
 from expdesign.motion.executable import has_enclosure

@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 from constraints.plugins import declared_classes
 from expdesign.configuration import Problem, RunConfiguration
-from expdesign.configuration.motions import motion_folders
+from expdesign.configuration.several_runs import motion_folders
 from expdesign.stages.stage import (
     ESTIMATE_FILE,
     FIGURES,

@@ -15,8 +15,8 @@ from expdesign.configuration import (
     RunConfiguration,
     RunDescription,
 )
-from expdesign.configuration.motions import motion_folders
 from expdesign.configuration.schema import MOST_SAMPLES
+from expdesign.configuration.several_runs import motion_folders
 from expdesign.configuration.tolerances import machine_name
 from expdesign.evaluation.machine_code import cache_warning
 from expdesign.progress import Listener, report_progress

@@ -14,7 +14,7 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from constraints.arrays import Array
-from expdesign.configuration.grid import value_text
+from expdesign.configuration.several_runs import value_text
 from expdesign.experiment.plan import PlanResult
 from expdesign.experiment.sweep import SweepResult, point_label
 from results.figures import drawing

@@ -8,7 +8,7 @@ from operator import methodcaller
 import numpy as np
 
 from expdesign.configuration import RunConfiguration
-from expdesign.configuration.grid import short_path, value_text
+from expdesign.configuration.several_runs import short_path, value_text
 from expdesign.experiment.judging import criterion_symbol
 from expdesign.experiment.sweep import FAILED, SweepResult, SweptDesign
 from expdesign.information.criteria import criteria

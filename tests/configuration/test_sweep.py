@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from expdesign.configuration import InputError, load_run, resolved_yaml
 from expdesign.configuration.design import MOST_DESIGNS, path_units
-from expdesign.configuration.grid import resolved_cell
 from expdesign.configuration.robot import load_robot_description
 from expdesign.configuration.schema import LONGEST_NAME
+from expdesign.configuration.several_runs import resolved_cell
 
 LIMITS = load_robot_description("palida").limits
 

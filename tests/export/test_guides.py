@@ -15,8 +15,7 @@ import pytest
 from expdesign.configuration import export_section
 from expdesign.export.exporting import export_table, file_name
 from expdesign.export.formats import ros2, table_formats
-from expdesign.export.readme import readme
-from expdesign.export.result import ExportResult, exported_motion, exported_table
+from expdesign.export.result import ExportResult, exported_motion, exported_table, readme
 from tests.export.test_repetition import work
 
 COARSE = {"segment": 4e-3, "tolerance": "1 mm"}

@@ -9,8 +9,7 @@ import pytest
 
 from expdesign.configuration import InputError, export_section
 from expdesign.export.exporting import export_table, file_name
-from expdesign.export.readme import readme
-from expdesign.export.result import ExportResult, exported_motion, exported_table
+from expdesign.export.result import ExportResult, exported_motion, exported_table, readme
 from expdesign.export.table_file import find_table_file
 from tests.estimation.cases import ROBOT, trajectory
 from tests.export import reading

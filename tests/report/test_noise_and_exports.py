@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 from expdesign.cli.app import app
 from expdesign.configuration import InputError, export_section
 from expdesign.export.exporting import export_table
-from expdesign.export.readme import readme
-from expdesign.export.result import ExportResult, exported_motion, exported_table
+from expdesign.export.result import ExportResult, exported_motion, exported_table, readme
 from expdesign.runfolder.files import write_text
 from expdesign.stages.execution import record_added
 from expdesign.stages.registry import reported_stages
