@@ -3,12 +3,14 @@
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from expdesign.configuration import export_section, load_run
 from expdesign.export.certification import BROKEN, PROVED
 from expdesign.export.definition import TableError
-from expdesign.export.exporting import export_table
+from expdesign.export.exporting import export_table, resolve_settings
+from expdesign.export.formats.linuxcnc_gcode import planner_limits
 from expdesign.export.result import exported_table
 from expdesign.export.table_file import certify_file, read_table_file
 from expdesign.robot import load_robot, robot_from
@@ -32,6 +34,20 @@ def piece_of(made, folder, change):
     for file in made.companions:
         (folder / file.name).write_bytes(file.read_bytes())
     return read_table_file(path, made.settings)
+
+
+@pytest.mark.parametrize("robot", ["palida", "linuxcnc"])
+def test_the_axes_may_by_default_be_twice_as_fast_as_the_motion(robot):
+    section = export_section(format="linuxcnc-gcode", servo_period="1 ms")
+    settings = resolve_settings(section, work_of(robot))
+    motion = settings.task.motion
+    rate = np.abs(motion.sample(np.linspace(0, motion.duration, 2000)).rate)
+    metre = 1e3 if settings.axes.units[0] == "mm" else 1.0
+    fastest = [metre * np.max(rate[:, :3])] * 3
+    velocity = planner_limits(settings).velocity
+    # Rounded up to two digits.
+    np.testing.assert_array_less(1.99 * np.array(fastest), velocity[:3])
+    np.testing.assert_array_less(velocity[:3], 2.25 * np.array(fastest))
 
 
 def test_forces_of_single_cycles_are_judged_without_a_limit_on_accelerations(made, tmp_path):

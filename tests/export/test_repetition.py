@@ -12,6 +12,7 @@ from scipy.io import loadmat, savemat
 
 from expdesign.configuration import InputError, export_section, load_run
 from expdesign.export.certification import PROVED
+from expdesign.export.definition import Rows
 from expdesign.export.exporting import export_table, file_name, resolve_settings
 from expdesign.export.read_back import TableCheck, read_back
 from expdesign.export.table_file import certify_file, read_table_file
@@ -93,6 +94,22 @@ def test_all_periods_are_in_the_file(name, exported):
     late = np.linspace(0, PERIODS * trajectory().period, 400, endpoint=False)
     wanted = ROBOT.inverse_kinematics(motion.sample(motion.window[0] + late).pose)
     assert np.abs(again.lengths(late) - wanted).max() <= made.check.position_error * 1.001
+
+
+def test_the_marked_window_has_all_rows_of_all_periods(exported):
+    lines = exported("linuxcnc-strut").path.read_text().splitlines()
+    begins, ends = (lines.index(f"# measurement window {word}") for word in ("begins", "ends"))
+    assert ends - begins - 1 == round(PERIODS * trajectory().period / STEP)
+
+
+def test_times_of_single_rows_are_those_of_all_rows():
+    times = np.array([0.0, 0.1, 0.25, 0.4, 0.45, 0.6, 0.65, 0.8, 0.85, 1.0])
+    rows = Rows(times, np.zeros((len(times), 6)), repeated=3, block=(3, 6))
+    every = [*times[:7], *(times[4:7] + 0.25), *(times[4:7] + 0.5), *(times[4:7] + 0.75)]
+    every += [*(times[7:] + 0.75)]
+    assert rows.count == len(every)
+    np.testing.assert_allclose([rows.time_of(number) for number in range(rows.count)], every)
+    np.testing.assert_allclose(list(rows.every_time()), every)
 
 
 @pytest.mark.parametrize("name", ["xps-pvt", "linuxcnc-strut"])
