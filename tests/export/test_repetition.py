@@ -132,6 +132,17 @@ def test_the_check_is_that_of_the_whole_table(name, exported, monkeypatch):
     assert found.log_det_change == pytest.approx(other.log_det_change, abs=1e-3)
 
 
+def test_information_is_that_of_samples_at_other_phases_in_every_period(tmp_path, monkeypatch):
+    section = export_section(format="linuxcnc-strut", **UNIFORM)
+    odd = replace(work(), sampling=1.0007 * work().sampling)
+    short = export_table(section, odd, tmp_path / file_name(section))
+    settings = replace(short.settings, form=replace(short.settings.form, repeats=False))
+    monkeypatch.setattr("expdesign.export.repetition.PERIODS", 100)
+    found, other = short.check.information, read_back(short.path, settings).information
+    assert found.samples == other.samples
+    assert found.log_det_design == pytest.approx(other.log_det_design, abs=1e-9)
+
+
 @pytest.mark.parametrize("name", ["xps-pvt", "pmac-pvt", "linuxcnc-strut", "ros2", "csv"])
 def test_a_period_that_differs_is_seen(name, exported):
     made = exported(name)
