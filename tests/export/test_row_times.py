@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from expdesign.configuration import export_section
+from expdesign.configuration import InputError, export_section
 from expdesign.export.execution import ExecutedTable
-from expdesign.export.exporting import ExportError, export_table
-from expdesign.robot import ForwardKinematicsError
-from tests.export.motions import task
-from tests.export.written import written
+from expdesign.export.exporting import ExportError, export_table, resolve_settings
+from expdesign.export.row_times import chosen_times, ideal_rows
+from expdesign.robot import ForwardKinematicsError, LimitModel
+from tests.export.motions import DESIGNED, task
+from tests.export.written import small_task, written
 
 
 def test_rows_are_put_closer_where_no_pose_has_the_lengths_between_them(tmp_path, monkeypatch):
@@ -40,3 +41,34 @@ def test_rows_on_straight_lines_are_put_closer_until_they_keep_the_tolerance(tmp
     asked = export_section(format="linuxcnc-strut", segment=4e-3)
     with pytest.raises(ExportError, match="more than the tolerance of 10 µm"):
         export_table(asked, slow, tmp_path / "t.txt")
+
+
+def test_rows_are_so_close_that_the_table_keeps_the_limits_as_the_design_does():
+    """A design at its limits: rows 2.5 ms apart would keep the tolerance."""
+    about = task(*DESIGNED)
+    limits = LimitModel.of(about.robot)
+    first, last = about.motion.window
+
+    def room(sample, times):
+        inside = times[(times >= first) & (times <= last)]
+        fine = np.linspace(inside[:-1], inside[1:], 10, endpoint=False).ravel()
+        return -np.max(limits.violations(np.hstack(sample(fine))))
+
+    def rows(**options):
+        settings = resolve_settings(export_section(format="xps-pvt", **options), about)
+        return ExecutedTable.of(settings, ideal_rows(settings, chosen_times(settings)))
+
+    def table_room(table):
+        return room(lambda at: table.between(at).states, table.rows.times)
+
+    close, far = rows(), rows(segment=2.5e-3)
+    wanted = min(1e-5, room(about.motion.sample, close.rows.times) / 2)
+    assert 0 < wanted <= table_room(close)
+    assert table_room(far) < wanted
+
+
+def test_a_tolerance_that_no_rows_keep_is_refused():
+    settings = resolve_settings(export_section(format="xps-pvt", tolerance=1e-15), small_task(1))
+    with pytest.raises(InputError, match="µm from the design in the ramp in") as refused:
+        chosen_times(settings)
+    assert refused.value.problems[0].key == "tolerance"
