@@ -163,6 +163,7 @@ def test_zeros_of_all_lengths_come_from_the_design(quiet):
     for seed in range(4):
         data = counted_otherwise(recording(seed, quiet), offset=-1e-3 * zeros)
         found = check_along_the_design(data)
+        assert found.sure == bool(found.faults)
         assert found.sure or quiet == 1
         if found.faults:
             written = [float(each.removesuffix(" mm")) for each in found.keys["offset"]["q"]]
@@ -483,3 +484,14 @@ def test_zeros_or_joints_of_all_struts_are_no_different_zeros(size):
     drawn = rng.normal(0, size, (200, 6))
     found = [find_different_zeros(robot, section, Candidate.as_measured(), 0 * d, d) for d in drawn]
     assert sum(one is not None for one in found) <= 2
+
+
+@pytest.mark.parametrize(("size", "different"), [(3e-4, False), (5e-4, True)])
+def test_a_zero_within_its_tolerance_is_no_different_zero(size, different):
+    """Up to four times the tolerance of 0.1 mm, however well the others agree."""
+    case = run(tolerances=ACCURATE)
+    off = size * np.eye(6)[2] + 1e-6 * np.random.default_rng(6).normal(size=6)
+    measured_as_stated = Candidate.as_measured()
+    robot = robot_from(case.robot)
+    found = find_different_zeros(robot, case.run.data, measured_as_stated, 0 * off, off)
+    assert (found is not None) == different

@@ -217,9 +217,7 @@ def test_blocks_change_nothing(tmp_path, rec, small_blocks):
     path.write_bytes(_cells(text, quoted).replace("\n", "\r\n").encode())
     found = delimited.read(path, DataSection())
     assert len(plain) == len(found)
-    assert all(
-        np.array_equal(plain.values[c], found.values[c]) for c in CHANNELS if c in found.values
-    )
+    assert all(np.array_equal(plain.values[channel], found.values[channel]) for channel in CHANNELS)
     assert [found.row_number(row) for row in (6, 7, 8, 29, 30)] == [8, 9, 11, 32, 34]
 
 

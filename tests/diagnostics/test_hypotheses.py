@@ -7,9 +7,9 @@ import pytest
 
 from estimation.diagnostics.diagnosis import diagnose
 from estimation.diagnostics.hypotheses import list_hypotheses
-from estimation.diagnostics.hypothesis import evaluate_hypothesis
 from estimation.diagnostics.joint_system import EffectProjection, joint_systems
 from estimation.diagnostics.linearisation import CandidateEffects, linearise
+from estimation.diagnostics.significance import log_tail
 from estimation.estimators import PerturbedMachine
 from estimation.estimators.experiment import Experiment
 from estimation.kinematics import fit_motion
@@ -403,18 +403,27 @@ def test_rivals_leave_nothing_of_an_effect(lab, palida):
     """By the definition of a rival, from the tests of the candidates themselves."""
     machine = _with_terms(palida, [{"cable": {"rest_length": 0.6}}], k4=60.0)
     attribution = _diagnosed(lab, _machine(lab, machine, 5)).recordings[0].attribution
-    assert attribution.effects
-    for effect in attribution.effects:
-        for rival in effect.rivals:
-            assert rival.log_p < np.log(0.001)
-            assert (rival.kind, rival.strut, rival.parameter) not in {
-                (e.kind, e.strut, e.parameter) for e in attribution.effects
-            }
-    first = attribution.first
-    for hypothesis in attribution.hypotheses:
-        test = first.families[hypothesis.kind]
-        again = evaluate_hypothesis(first.conditional, hypothesis, test.first)
-        np.testing.assert_array_equal(again.log_p, test.log_p)
+    (effect,) = attribution.effects
+    tests, scores = attribution.first.families, attribution.first.conditional
+
+    def places(one):
+        test = tests[one.kind]
+        return test.places(test.hypothesis.labels.index((one.parameter, one.strut)))
+
+    def significance(one, given):
+        """Return the logarithm of p of an effect if another one is known."""
+        known, own = places(given), places(one)
+        both = scores.select(np.concatenate([known, own]))
+        fit = both.conditional_on(range(len(known))).fit(range(len(known), len(both.score)))
+        return log_tail(np.array(fit.statistic), np.array(fit.rank), scores.freedom)
+
+    assert len(effect.rivals) > 1
+    for rival in effect.rivals:
+        assert (rival.kind, rival.strut) != (effect.kind, effect.strut)
+        assert rival.log_p < np.log(0.001) < significance(effect, rival)
+    # The same force in another strut leaves the effect significant.
+    others = [replace(effect, strut=strut) for strut in range(6) if strut != effect.strut]
+    assert all(significance(effect, other) < np.log(0.001) for other in others)
 
 
 def test_noise_that_was_given_too_small_is_no_cause(lab):

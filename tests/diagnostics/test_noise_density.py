@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from estimation.diagnostics.finding import FindingOutcome
 from estimation.diagnostics.noise_analysis import hum_finding
@@ -41,23 +41,27 @@ def _hum(frequency, amplitude, samples=SAMPLES):
 
 def test_density_of_autoregressive_noise_and_its_band():
     rng = np.random.default_rng(0)
-    inside = []
-    for _ in range(3):
+    inside, densities, widths = [], [], []
+    for _ in range(8):
         found, hum = noise_density(_channels(_noise(rng)), STEP)
         frequencies = np.linspace(10, 245, 60)
         turns = np.exp(-2j * np.pi * frequencies * STEP)
         expected = np.multiply.outer(
             2 * STEP * (1 - RHO**2) / np.abs(1 - RHO * turns) ** 2, SIZE**2
         )
-        low, high = (
-            np.stack([np.interp(frequencies, found.frequency, c) for c in end.T], axis=1)
-            for end in found.band()
+        low, density, high = (
+            np.stack([np.interp(frequencies, found.frequency, c) for c in values.T], axis=1)
+            for values in (found.band()[0], found.density, found.band()[1])
         )
         inside.append(np.mean((low <= expected) & (expected <= high)))
+        densities.append(np.log(density))
+        widths.append(np.log(high / low) / (2 * norm.isf(0.025)))
         np.testing.assert_allclose(found.white * found.frequency[-1], SIZE**2, rtol=0.25)
         assert not hum.lines
     # The band is that of the smoothed density: what is levelled out comes on top.
     assert np.mean(inside) > 0.7
+    scatter = np.sqrt(np.mean(np.var(densities, axis=0, ddof=1)))
+    assert 0.7 < scatter / np.mean(widths) < 1.1
 
 
 def test_white_noise_is_flat():

@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.special import erf
 
 from estimation.data.measurement import Measurement
 from estimation.kinematics import (
@@ -16,6 +15,7 @@ from estimation.kinematics import (
 )
 from estimation.measurement_model import HarmonicMotion
 from estimation.processing import NoiseEstimate, PeriodSource, fold_recording
+from expdesign.trajectory import FourierTrajectory
 from tests.estimation.cases import ROBOT, measured, trajectory
 
 DELTA = ROBOT.description.noise.length_covariance
@@ -150,6 +150,20 @@ def test_signs_along_are_the_mean_of_the_signs_of_drawn_motions():
     assert np.count_nonzero(doubtful) > 50
     error = np.sqrt((1 - expected**2) / draws + 1e-4)
     assert np.sqrt(np.mean(((total / draws - expected) / error)[doubtful] ** 2)) < 1.5
-    sure = spread == 0
-    assert not np.any(sure)
-    assert erf(0.0) == 0
+    assert np.all(spread > 0)
+
+
+def test_signs_are_not_known_where_the_whole_machine_rests():
+    """At both ends of its path all rates are zero but for the errors of the fit."""
+    plain = trajectory()
+    motion = FourierTrajectory.from_displacements(
+        plain.omega, plain.lambda0, 0 * plain.sine, plain.cosine
+    )
+    record = record_of(motion)
+    fit = fit_motion(ROBOT, record, NOISE, 2)
+    spread = rate_spread(ROBOT, fit.motion, record, fit.covariance)
+    signs = signs_along(ROBOT, fit.motion.at(record.forces.times), spread)
+    rests = np.isin(np.arange(record.samples), (0, record.samples // 2))
+    np.testing.assert_array_equal(np.isinf(spread), np.tile(rests[:, None], spread.shape[1]))
+    assert not np.any(signs[rests])
+    assert np.mean(np.abs(signs[~rests]) > 0.99) > 0.9

@@ -1,5 +1,4 @@
 import json
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -106,17 +105,23 @@ def test_a_spline_passes_its_poses():
         assert np.min(np.linalg.norm(states - pose, axis=1)) < 1e-3
 
 
-def test_signs_of_friction_are_not_known_at_the_ends_of_a_line(folder, monkeypatch):
-    """The machine stands still at a sample, where its rates are rounding errors."""
-    monkeypatch.setattr(sys.modules[validate.__module__], "FIRST_REPETITION", 100_086)
-    poses = [[0.1, 0, -0.6, 0, 0, 0], [-0.1, 0, -0.65, 0, 0, 0]]
-    noise = {"force_std": [0.5] * 6, "length_std": [1e-5] * 6}
-    quiet = case(noise=noise, motion="line", poses=poses, speed=0.4, periods=10)
-    assert validate(quiet, read_estimate(folder, ROBOT)).accepted
-
-
-def test_a_sound_estimate_passes(folder):
-    result = validate(case(), read_estimate(folder, ROBOT))
+@pytest.mark.parametrize(
+    "motion",
+    [
+        {},
+        {
+            "noise": {"force_std": [0.5] * 6, "length_std": [1e-5] * 6},
+            "motion": "line",
+            "poses": [[0.1, 0, -0.6, 0, 0, 0], [-0.1, 0, -0.65, 0, 0, 0]],
+            "speed": 0.4,
+            "periods": 10,
+        },
+    ],
+    ids=["circle", "line"],
+)
+def test_a_sound_estimate_passes(folder, motion):
+    """Also on a line, at whose ends the machine rests, with little noise."""
+    result = validate(case(**motion), read_estimate(folder, ROBOT))
     assert result.accepted
     test = result.predictions[0].tests.lack_of_fit
     assert not np.any(test.failed)

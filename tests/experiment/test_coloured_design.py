@@ -13,11 +13,13 @@ from expdesign.experiment.setup import plan_search
 from tests.experiment.test_design import regressors_of, std_of
 
 RHO = 0.9
+HUM = 30.0
+"""Hz; the period that the search finds, 167 steps of 10 ms, has 50.1 turns of it."""
 
 
 @pytest.fixture(scope="module")
 def coloured(tiny, few_limits, cheaper):
-    noise = {"force_spectrum": {"ar": RHO, "hum": {"frequency": 20.0, "amplitude": 0}}}
+    noise = {"force_spectrum": {"ar": RHO, "hum": {"frequency": HUM, "amplitude": 0}}}
     with cheaper():
         return expdesign.design(tiny(robot=few_limits, noise=noise, design={"max_iterations": 3}))
 
@@ -38,7 +40,7 @@ def test_predicted_std_is_that_of_filtered_samples(coloured):
 
 def test_the_frequency_keeps_away_from_the_hum(coloured, tmp_path):
     (one,) = coloured.hum
-    turns = 20.0 * coloured.trajectory.period
+    turns = HUM * coloured.trajectory.period
     assert one.lines == pytest.approx(3 * abs(turns - round(turns)), abs=1e-6)
     assert one.lines >= 1 - 1e-9
     assert not any("hum" in warning for warning in coloured.warnings)

@@ -290,7 +290,9 @@ def test_a_design_answers_the_goals_of_its_run_as_the_plan_does(tolerances, syst
     goals = {"mass": "0.6 %", "centre": "0.01 mm", "v1": "0.5 %", "p10": "90 %"}
     config = _run(goals, tolerances, systematic=systematic)
     planned = {one.goal: one for one in plan_measurement(config, MOTION).goals}
-    for goal in goals_of_design(_designed(config)):
+    found = goals_of_design(_designed(config))
+    assert [goal.goal for goal in found] == list(planned)
+    for goal in found:
         plan = planned[goal.goal]
         assert (goal.quantity, goal.unit, goal.source) == (plan.quantity, plan.unit, plan.source)
         assert goal.std == pytest.approx(plan.std, rel=1e-3)

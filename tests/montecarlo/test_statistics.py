@@ -98,8 +98,8 @@ def test_the_pooled_intervals_cover_however_parameters_are_correlated(correlatio
         held_ratio += found.rmse_over_bound_low <= 1 <= found.rmse_over_bound_high
         held_coverage += found.coverage_low <= 0.95 <= found.coverage_high
     assert 0.92 < held_ratio / STUDIES < 0.98
-    # Clopper and Pearson promise at least 95 %.
-    assert 0.93 < held_coverage / STUDIES <= 1.0
+    # Clopper and Pearson promise at least 95 %: with a quarter of the trials it is 99.9 %.
+    assert 0.93 < held_coverage / STUDIES < 0.98
 
 
 def test_the_pooled_coverage_of_correlated_parameters_is_less_sure():

@@ -111,7 +111,8 @@ def test_a_cost_that_is_no_number_is_no_solution():
 
 
 @pytest.mark.parametrize("barrier", [1e-2, 1e-3, 1e-5])
-def test_a_cost_that_stands_still_beyond_the_rows_is_no_solution(barrier):
+@pytest.mark.parametrize("start", [(0.5, 0.1), (0.0, 2.0), (3.0, -4.0)])
+def test_a_cost_that_stands_still_beyond_the_rows_is_no_solution(barrier, start):
     class High(Fit):
         """So high that every step changes it little; its steps cross the circle."""
 
@@ -125,7 +126,7 @@ def test_a_cost_that_stands_still_beyond_the_rows_is_no_solution(barrier):
             return 0.03 * np.eye(2)
 
     program = High(([-INF] * 2, [INF] * 2), ([-INF], [1.0]))
-    result = solve_by_interior_point(program, np.array([0.5, 0.1]), most=60, barrier=barrier)
+    result = solve_by_interior_point(program, np.array(start), most=60, barrier=barrier)
     assert result.x @ result.x <= 1 + 1e-3 or not result.converged
 
 
