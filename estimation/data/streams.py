@@ -108,9 +108,9 @@ def _supported(at: Array, times: Array, most: float) -> Mask:
 def resample(times: Array, values: Array, at: Array) -> Array:
     """Return values (T, c) at other times (S,), which are not denser: (S, c).
 
-    A cubic spline with knots at these times is fitted by least squares: slow components stay, up to
-    a fourth order in frequency over rate; the noise is averaged, and stays nearly white. Between
-    equal times it interpolates.
+    A cubic spline with knots at these times, and as close before, between and after them, is fitted
+    by least squares: slow components stay, up to a fourth order in frequency over rate; the noise
+    is averaged, and stays nearly white. Between equal times it interpolates.
 
     Examples
     --------
@@ -122,7 +122,8 @@ def resample(times: Array, values: Array, at: Array) -> Array:
     True
     """
     start = times[0]
-    knots = at[(at >= times[2]) & (at <= times[-3])]
+    knots = _fill_gaps(np.concatenate([times[:1], at, times[-1:]]))
+    knots = knots[(knots >= times[2]) & (knots <= times[-3])]
     # One sample or more between two knots.
     places: NDArray[np.intp] = np.searchsorted(times, knots)
     knots = knots[np.unique(places, return_index=True)[1]]
@@ -131,3 +132,13 @@ def resample(times: Array, values: Array, at: Array) -> Array:
         times - start, values, np.concatenate([ends[0], knots - start, ends[1]]), k=_DEGREE
     )
     return np.asarray(spline(np.clip(at - start, 0.0, times[-1] - start)), np.float64)
+
+
+def _fill_gaps(knots: Array) -> Array:
+    """Return knots (K,) with further ones where two are further apart than most.
+
+    One cubic for seconds without a knot would be wrong at both of its ends.
+    """
+    step = float(np.median(np.diff(knots)))
+    places = np.cumsum(np.maximum(np.rint(np.diff(knots, prepend=knots[:1]) / step), 1))
+    return np.interp(np.arange(places[0], places[-1] + 1), places, knots)

@@ -102,6 +102,17 @@ def test_two_rates_meet_at_the_lower_one(tmp_path, of_lengths, of_forces, dates)
     )
 
 
+def test_a_file_that_begins_earlier_and_ends_later_or_covers_a_gap_is_as_exact(tmp_path):
+    """Forces of half the time, with 0.4 s missing: the lengths are those of the machine there."""
+    of_forces = _grid(250, 1.3)
+    of_forces = of_forces[: len(of_forces) // 2]
+    of_forces = np.delete(of_forces, np.s_[300:330])
+    found = _read(_files(tmp_path, _grid(1000), of_forces))
+    assert found.lost == 30
+    assert len(found) == len(of_forces)
+    np.testing.assert_allclose(found.lengths, _sampled(of_forces)[0], atol=1e-7)
+
+
 @pytest.mark.parametrize("rates", [(500, 250), (250, 500)])
 def test_a_length_out_of_range_names_the_file_of_the_lengths(tmp_path, rates):
     section = _files(tmp_path, *(_grid(rate) for rate in rates)) | {"offset": 700}
