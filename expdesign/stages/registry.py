@@ -145,7 +145,7 @@ class NoiseStage(EstimationStage):
     does = "analyses the noise of a recording"
     file = "noise.json"
     writes = ("noise.yaml", *TABLES)
-    sections = run_sections("trajectory", "data")
+    sections = run_sections("trajectory", "data", estimate={"frequency"})
     needs = ("recording",)
     in_sweep = True
 
@@ -174,7 +174,9 @@ class EstimateStage(EstimationStage):
     does = "estimates the parameters from a recording"
     file = ESTIMATE_FILE
     writes = ("estimates.csv", "identified-robot.yaml", *TABLES)
-    sections = run_sections("trajectory", "data", "estimate", experiment={"payload"})
+    sections = run_sections(
+        "trajectory", "data", "estimate", "goals", design={"interest"}, experiment={"payload"}
+    )
     needs = ("recording",)
     compared = "estimates.csv"
 
@@ -187,7 +189,7 @@ class ValidateStage(EstimationStage):
     file = "validation.json"
     writes = TABLES
     sections = run_sections("trajectory", "experiment", "data", "estimate", "validation")
-    needs = ("estimate",)
+    needs = ("estimate", "validation")
     compared = "tables/validation.csv"
 
 

@@ -82,9 +82,10 @@ class Stage(ABC):
     """Sections of the run file, or keys of them, that the result depends on; None: all."""
     needs: tuple[str, ...] = ()
     """Inputs in addition to the run file: ``"design"``, ``"others"`` of a design, ``"recording"``
-    (with the executed design, if there is one), ``"estimate"``, ``"tolerances"`` for their
-    treatment by the run's estimator, or ``"folder"`` for all other stages. They come from the
-    options of the command, from memory when the same run has made them, or from the run folder."""
+    (with the executed design, if there is one), ``"estimate"``, ``"validation"`` for its recorded
+    motions, ``"tolerances"`` for their treatment by the run's estimator, or ``"folder"`` for all
+    other stages. They come from the options of the command, from memory when the same run has made
+    them, or from the run folder."""
     makes_design: bool = False
     """Whether its command makes a missing design first."""
     compared: str = ""
@@ -373,7 +374,7 @@ class Workspace:
         """Return an input of a stage, of `Stage.needs`, as text with all digits or hashes."""
         if need == "design":
             return trajectory_text(self.design().trajectory)
-        if need in ("recording", "others", "estimate"):
+        if need in ("recording", "others", "estimate", "validation"):
             return " ".join(file_hash(path) for path in self.input_files(need))
         if need == "tolerances":
             section, robot = self.configuration.run.estimate, self.configuration.robot
@@ -386,7 +387,10 @@ class Workspace:
         return repr(list(others.items()))
 
     def input_files(self, need: str) -> list[Path]:
-        """Return the existing files of an input of a stage, of `Stage.needs`."""
+        """Return the existing files of an input of a stage, of `Stage.needs`.
+
+        A recording that is a folder, of rosbag2, is all files in it.
+        """
         others = [Path(file) for file in self.configuration.run.design.others]
         designs = [path.absolute() for path in self.sources.designs or self.motion_folders]
         places = others if need == "others" else designs
@@ -397,11 +401,15 @@ class Workspace:
         elif need == "estimate":
             place = self.estimate_place
             files = [place / ESTIMATE_FILE if place.is_dir() else place]
+        elif need == "validation":
+            motions = self.configuration.run.validation
+            files = [Path(one.file) for one in motions if one.motion == "file" and one.file]
         elif need == "design" and self.sources.table is not None:
             files.append(self.sources.table.absolute())
         elif need not in ("design", "others"):
             files = []
-        return [file for file in files if file.is_file()]
+        inside = (sorted(place.iterdir()) if place.is_dir() else [place] for place in files)
+        return [file for places in inside for file in places if file.is_file()]
 
     @property
     def estimate_place(self) -> Path:

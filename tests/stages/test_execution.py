@@ -10,7 +10,7 @@ from expdesign.configuration import load_run
 from expdesign.configuration.robot import load_robot_description
 from expdesign.runfolder.manifest import Manifest, entry, file_hash, sections_text
 from expdesign.stages import execution
-from expdesign.stages.execution import add_to_files, execute, input_hash
+from expdesign.stages.execution import add_to_files, execute, input_hash, origins
 from expdesign.stages.registry import DesignStage, stages
 from expdesign.stages.stage import Outcome, StageFailed, StageFunctions, Workspace
 from results.views.folder import StageViews
@@ -281,6 +281,51 @@ def test_a_design_depends_on_the_treatment_of_tolerances(changed, same):
         runs = (load_run(about | {"estimate": keys}) for keys in ({}, changed))
         one, other = (input_hash(stages()["design"], Workspace(run, Path())) for run in runs)
         assert (one == other) == alike
+
+
+def test_a_validation_depends_on_the_recorded_motions(tmp_path):
+    recorded = tmp_path / "other.csv"
+    motions = [{"motion": "circle"}, {"motion": "file", "file": str(recorded)}]
+    run = load_run({"name": "n", "robot": "palida", "validate": motions})
+    hashes = set()
+    for content in ("measured", "measured again"):
+        recorded.write_text(content)
+        work = Workspace(run, tmp_path)
+        assert str(recorded) in {str(tmp_path / one) for one in origins(stages()["validate"], work)}
+        hashes.add(input_hash(stages()["validate"], work))
+    assert len(hashes) == 2
+    assert origins(stages()["validate"], work)[recorded.name] == file_hash(recorded)
+
+
+@pytest.mark.parametrize("stage", ["estimate", "noise"])
+def test_a_recording_in_a_folder_is_all_its_files(tmp_path, stage):
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    run = load_run({"name": "n", "robot": "palida", "data": {"file": str(bag)}})
+    hashes = set()
+    for content in ("measured", "measured again"):
+        (bag / "metadata.yaml").write_text("the same")
+        (bag / "bag_0.mcap").write_text(content)
+        hashes.add(input_hash(stages()[stage], Workspace(run, tmp_path / "run")))
+    assert len(hashes) == 2
+
+
+@pytest.mark.parametrize(
+    ("stage", "changed"),
+    [
+        ("estimate", {"goals": {"mass": "1 %"}}),
+        ("estimate", {"design": {"interest": ["mass"]}}),
+        ("noise", {"estimate": {"frequency": "estimated"}}),
+    ],
+)
+def test_an_analysis_depends_on_what_it_names_and_on_its_frequency(stage, changed):
+    """The diagnosis states what undetected causes change in the quantities of the goals."""
+    about = {"name": "n", "robot": "palida", "data": {"file": "recording.csv"}}
+    one, other = (
+        input_hash(stages()[stage], Workspace(load_run(about | keys), Path()))
+        for keys in ({}, changed)
+    )
+    assert one != other
 
 
 def test_predictions_depend_on_what_is_recorded_as_forces():

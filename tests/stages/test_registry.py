@@ -14,7 +14,7 @@ from expdesign.stages.execution import input_hash
 from expdesign.stages.registry import missing_design, reported_stages, stages
 from expdesign.stages.stage import Workspace
 
-NEEDS = {"design", "others", "recording", "estimate", "tolerances", "folder"}
+NEEDS = {"design", "others", "recording", "estimate", "validation", "tolerances", "folder"}
 
 CHANGED = {
     "name": "other",
