@@ -153,7 +153,7 @@ def read_measurement(
 
 
 def _timed_table(file: Path, section: DataSection) -> tuple[RawTable, float]:
-    """Return one of two files with its time in s, and the time of its first row since 1970, s."""
+    """Return one of two files with its time in s, and the time that was subtracted from it, s."""
     table = format_of(file).load(file, section)
     time, begin, _ = seconds_of(table, section)
     return replace(table, values={**table.values, "t": time}), begin
@@ -304,7 +304,8 @@ def file_channels(
 def seconds_of(table: RawTable, section: DataSection) -> tuple[Array, float, list[str]]:
     """Return the time (T,), s, from the first row on if it counts from a date.
 
-    The others are the time of the first row since 1970, s, zero without a date, and warnings.
+    The others are the time that was subtracted, s, of a date since 1970, and warnings. Messages of
+    ROS count from the first one, whatever its stamp.
 
     Raises
     ------
@@ -320,8 +321,9 @@ def seconds_of(table: RawTable, section: DataSection) -> tuple[Array, float, lis
             f"since 1970; data.units: {{t: {unit}}} states it"
         )
     begin = table.origin * factor
-    counter = table.origin if begin < EARLIEST else 0.0
-    return (table.values["t"] + counter) * factor, begin if begin >= EARLIEST else 0.0, warnings
+    if begin < EARLIEST <= table.origin:  # a counter of a small unit
+        return (table.values["t"] + table.origin) * factor, 0.0, warnings
+    return table.values["t"] * factor, begin, warnings
 
 
 def _epoch_unit(table: RawTable) -> str:

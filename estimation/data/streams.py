@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from constraints.arrays import Array, Mask
 from estimation.data.measurement import time_base
+from estimation.data.stamps import EARLIEST
 from estimation.data.table import RawTable, RecordedColumn, refuse_cells, trim
 from expdesign.configuration import DataSection, InputError
 
@@ -29,8 +30,8 @@ def join_tables(
 ) -> tuple[RawTable, str]:
     """Return one table at the times of the file with the lower rate, and a remark on both.
 
-    The faster file is reduced by `resample`. Tables come with their times in s, and the time since
-    1970 from which these count.
+    The faster file is reduced by `resample`. Tables come with their times in s, and the time from
+    which these count, since 1970 if it is a date.
 
     Raises
     ------
@@ -38,7 +39,7 @@ def join_tables(
         A time is unusable, cells have no numbers, or the files have no time in common.
     """
     (table, begin), (other, later) = lengths, forces
-    if (begin > 0) != (later > 0):
+    if (begin >= EARLIEST) != (later >= EARLIEST):
         message = "its stamps have a date, those of the other file have none"
         raise InputError(message, (table if begin else other).file, allowed="stamps of one clock")
     times = other.values["t"] + (later - begin)

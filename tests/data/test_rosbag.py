@@ -189,6 +189,25 @@ def test_one_of_several_topics(bag, rec, read, refused):
     assert "the columns are of several topics" in refused(path, columns=mixed)[0].message
 
 
+@pytest.mark.parametrize("epoch", [0, -EPOCH + 12_000_000_000])
+def test_two_bags_have_one_clock(tmp_path, rec, read, epoch):
+    """The second begins 10 samples later, with dates and in simulated time."""
+    files, late = {}, 10
+    rec.Q = 1e3 * (rec.q - 0.7)
+    for group, first in (("lengths", 0), ("forces", late)):
+        messages = messages_of(rec)[first:]
+        for message in messages:
+            message.header.stamp.sec += epoch // 1_000_000_000
+        write_bag(tmp_path / group, {"/joint_states": messages})
+        files[group] = str(tmp_path / group)
+    found = read(tmp_path / "lengths", files=files)
+    assert "forces begin 10 ms later" in found.warnings[0]
+    rows = np.rint(found.time / 1e-3).astype(int)
+    assert late <= len(rec.t) - len(rows) <= late + 1  # dates are rounded to 256 ns
+    np.testing.assert_allclose(found.forces, rec.Q[rows], atol=0.01)
+    np.testing.assert_allclose(found.lengths, rec.q[rows], rtol=1e-9)
+
+
 def test_other_messages_are_no_joint_states(tmp_path, refused):
     path = tmp_path / "bag"
     kind = "std_msgs/msg/Float64"

@@ -159,7 +159,8 @@ def _table(
     table = np.array(rows).reshape(-1, len(joints))
     values = {channel: table[:, k].copy() for k, channel in enumerate(joints)}
     values["t"] = np.array([stamp - stamps[0] for stamp in stamps]) * _NANOSECOND
-    return RawTable(path, values, picked, "message")
+    origin = stamps[0] * _NANOSECOND if stamps else 0.0
+    return RawTable(path, values, picked, "message", origin=origin)
 
 
 def _wrong_names(names: list[str], wanted: list[str]) -> list[str]:
