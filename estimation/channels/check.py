@@ -308,7 +308,9 @@ def _lag_in_words(robot: Robot, section: DataSection, found: Candidate, *, ambig
     if ambiguous:
         return describe_lag(robot, found.delay, found.low_pass, section)
     lag = found.channel_lag
-    return "" if lag is None else describe_channel_lag(lag, section)
+    if lag is None:
+        return ""
+    return describe_channel_lag(lag, found.lengths if lag.group == "q" else found.forces, section)
 
 
 def _unstated_zeros(lengths: Wiring, *, undecided: bool) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from constraints.arrays import Array, Mask
-from estimation.channels.wiring import UNITS, Candidate, ChannelLag
+from estimation.channels.wiring import UNITS, Candidate, ChannelLag, Wiring
 from estimation.diagnostics.finding import join_words
 from estimation.diagnostics.plausibility import advise_on_scale, is_far, misread_unit
 from estimation.processing import NoiseModel, PeriodicRecording, PeriodSource
@@ -24,6 +24,8 @@ _SHOWN = 0.02
 _LOUD = 10.0
 """Least median ratio of a force's variance over the period to that of its noise, for which a force
 without motion is named."""
+_SAME_UNIT = 0.01
+"""Relative difference of two factors of a unit."""
 _ALIKE = 0.8
 """Smallest square of the cosine between forces of a machine and those of its robot file."""
 
@@ -120,7 +122,7 @@ def changed_keys(
         own_sign = np.array(section.channel_signs(key))[one.channels]
         signs[key] = (np.sign(one.gains).astype(int) * own_sign).tolist()
         own_scale = np.array(section.channel_scales(key))[one.channels]
-        scales[key] = _rounded(np.abs(one.gains) * own_scale)
+        scales[key] = _scaled(own_scale, np.abs(one.gains))
     usual = [1] * ACTUATORS
     unit = _unit(np.abs(found.lengths.gains))
     if unit and not has_units:
@@ -140,7 +142,7 @@ def changed_keys(
         others = {} if not any(section.force_offsets) else {"Q": list(section.force_offsets)}
         yield "offset", {"q": shown, **others}
     if found.delay:
-        late = np.array(section.channel_delays("Q")) + found.delay
+        late = np.array(section.channel_delays("Q")) + _three_digits(found.delay)
         delays = {"q": np.array(section.channel_delays("q")), "Q": late}
         names = {"Q": "forces", "q": "lengths"}
         yield (
@@ -149,14 +151,22 @@ def changed_keys(
         )
 
 
+def _three_digits(found: float) -> float:
+    """Return a value that was found with the digits that are shown; stated ones keep all."""
+    return float(f"{found:.3g}")
+
+
 def _delays(values: Array) -> Any:
     """Return delays, s, as in a run file: one if all are equal."""
-    shown = [f"{1e3 * each:.3g} ms" if each else 0 for each in values.tolist()]
+    shown = [f"{1e3 * each:.6g} ms" if each else 0 for each in values.tolist()]
     return shown[0] if len(set(shown)) == 1 else shown
 
 
-def _rounded(values: Array) -> list[float | int]:
-    return [int(value) if value == int(value) else float(f"{value:.3g}") for value in values]
+def _scaled(stated: Array, gains: Array) -> list[float | int]:
+    """Return the stated scales times the gains that were found."""
+    pairs = zip(stated.tolist(), gains.tolist(), strict=True)
+    scales = [float(f"{one * _three_digits(gain):.12g}") for one, gain in pairs]
+    return [int(one) if one == int(one) else one for one in scales]
 
 
 def shortened(value: Any) -> Any:
@@ -199,7 +209,7 @@ def describe_lag(robot: Robot, lag: float, constant: float | None, section: Data
     known = "State what is known as `data.delay` and `data.filter`"
     slow = constant > _SHOWN * total and not any(section.channel_filters("Q"))
     late = lag if slow else total
-    stated = np.array(section.channel_delays("Q")) + late
+    stated = np.array(section.channel_delays("Q")) + _three_digits(late)
     fits = [f"`data.delay: {{forces: {flow(_delays(stated))}}}`"] if late > _SHOWN * total else []
     cutoff = 1 / (2 * np.pi * constant) if slow else 0.0
     fits += [f"`data.filter: {{Q: {{low_pass: {cutoff:.3g} Hz, order: 1}}}}`"] if slow else []
@@ -212,18 +222,22 @@ def describe_lag(robot: Robot, lag: float, constant: float | None, section: Data
     )
 
 
-def describe_channel_lag(lag: ChannelLag, section: DataSection) -> str:
-    """Describe the lag of a single channel that may be a delay or a filter, and how to state it."""
+def describe_channel_lag(lag: ChannelLag, wiring: Wiring, section: DataSection) -> str:
+    """Describe the lag of a single channel that may be a delay or a filter, and how to state it.
+
+    Channel and delays are named by the struts, filters by the channels of the file.
+    """
     channel = f"{lag.group}{lag.strut + 1}"
+    in_file = section.channel_order(lag.group).index(int(wiring.channels[lag.strut]) + 1) + 1
     late = np.array(section.channel_delays(lag.group))
-    late[lag.strut] += lag.seconds
+    late[lag.strut] += _three_digits(lag.seconds)
     cutoff = 1 / (2 * np.pi * lag.seconds)
     noun = {"q": "lengths", "Q": "forces"}[lag.group]
     known = f"{{{noun}: {flow(_delays(late))}}}"
     return (
         f"{channel} lags behind the other channels by about {1e3 * lag.seconds:.3g} ms (not "
         f"certain), by a delay or a low pass. State the delay, `data.delay: {known}`, or the "
-        f"filter, `data.filter: {{{channel}: {{low_pass: {cutoff:.3g} Hz, order: 1}}}}`"
+        f"filter, `data.filter: {{{lag.group}{in_file}: {{low_pass: {cutoff:.3g} Hz, order: 1}}}}`"
     )
 
 
@@ -259,6 +273,13 @@ def describe_force_scale(robot: Robot, factor: float, alike: float, *, has_unit:
     return f"the forces are about {factor:.2g} times those of the robot file: {advice}"
 
 
+def _unit_ratio(robot: Robot, section: DataSection, unit: str) -> Array:
+    """Return a unit of the forces over that of the section, (6,)."""
+    units = section.actuator_units(robot.description)
+    stated = units.si_values(section.units.get("Q", "N"))
+    return np.array(units.si_values(unit)) / stated
+
+
 def correct_force_unit(
     robot: Robot,
     section: DataSection,
@@ -270,13 +291,14 @@ def correct_force_unit(
 ) -> tuple[str, dict[str, Any]] | None:
     """Return a sentence on the unit of all forces by their factor, and the key that corrects it.
 
-    Keys are those of the section that other faults change. The key is a scale where the file or
-    the section states a unit. None: not certain.
+    Keys are those of the section that other faults change. The key is a scale where the file
+    states a unit, or the section one that has another factor to the unit found. None: not certain.
     """
     found = misread_unit(factor, robot.description.drive.torque_per_force)
     if alike < _ALIKE or found is None:
         return None
-    if not has_unit and section.units.keys().isdisjoint(FORCE_CHANNELS):
+    free = not has_unit and section.units.keys().isdisjoint(FORCE_CHANNELS)
+    if free and np.allclose(_unit_ratio(robot, section, found.unit), found.gain, rtol=_SAME_UNIT):
         return found.sentence, {"units": keys.get("units", section.units) | {"Q": found.unit}}
     scales = keys.get("scale", {key: list(section.channel_scales(key)) for key in ("q", "Q")})
     scales = scales if isinstance(scales, dict) else {"q": scales, "Q": scales}

@@ -8,7 +8,8 @@ import pytest
 from scipy import signal
 
 from estimation.channels.check import check_channels, find_different_zeros
-from estimation.channels.wiring import Candidate
+from estimation.channels.report import changed_keys
+from estimation.channels.wiring import Candidate, Wiring
 from estimation.data.sensors import SensorResponse
 from estimation.diagnostics.finding import Status
 from estimation.identification import estimate, estimate_parameters
@@ -213,6 +214,36 @@ def test_a_unit_that_no_other_forces_have_is_a_fault_with_its_section(factor, un
     scale = {"kN": 1e3, "mN": 1e-3, "N m": 2 * np.pi / LEAD}[unit]
     assert stated.sure
     assert stated.keys == {**signs, "scale": {"Q": pytest.approx([scale] * 6, rel=1e-5)}}
+
+
+@pytest.mark.parametrize(
+    ("stated", "factor", "key"),
+    [
+        ("N", 1e-3, {"units": {"Q": "kN"}}),
+        ("kN", 1e3, {"scale": {"Q": pytest.approx([1e-3] * 6)}}),
+    ],
+)
+def test_a_unit_of_the_forces_that_the_section_states_wrongly(stated, factor, key):
+    """Newtons that are stated as kilonewtons are not millinewtons."""
+    data = counted_otherwise(recording(1, 0.2), sign=[factor] * 6)
+    case = run(data={"units": {"Q": stated}})
+    found = check_channels(ROBOT, case.run.data, *fold_measurement(case, data, MOTION), 2, MOTION)
+    assert found.sure
+    assert found.keys == key
+
+
+def test_what_the_section_states_keeps_its_digits():
+    scale, late = [1.02345, 1, 1, 1, 1, 0.98765], 0.0123456
+    stated = {"scale": {"Q": scale}, "delay": {"forces": f"{late} s", "lengths": "1.23456 ms"}}
+    section = run(data=stated).run.data
+    forces = Wiring(np.arange(6), np.array([1, 1, 1, 1, 1 / 3, -1.0]), np.zeros(6))
+    found = replace(Candidate.as_measured(), forces=forces, delay=0.00298765)
+    keys = dict(changed_keys(section, found, np.zeros(6), has_units=False))
+    assert keys == {
+        "sign": {"Q": [1, 1, 1, 1, 1, -1]},
+        "scale": {"Q": [1.02345, 1, 1, 1, 0.333, 0.98765]},
+        "delay": {"forces": "15.3356 ms", "lengths": "1.23456 ms"},
+    }
 
 
 @pytest.mark.parametrize("silent", [(), (3,), (1, 5)])

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.channels.report import describe_lag
+from estimation.channels.report import describe_channel_lag, describe_lag
+from estimation.channels.wiring import ChannelLag, Wiring
 from estimation.data.measurement import Measurement
 from estimation.data.sensors import SensorResponse
 from estimation.diagnostics.finding import Status
@@ -181,3 +182,15 @@ def test_a_low_pass_that_is_slower_than_its_model(constant, warned, warn):
 def test_a_lag_adds_to_the_stated_delays_of_the_channels(stated, advised):
     section = run(data={"delay": {"forces": stated}}).run.data
     assert f"`data.delay: {{forces: {advised}}}`" in describe_lag(ROBOT, 1e-3, 0.0, section)
+
+
+def test_the_filter_of_a_late_channel_is_that_of_its_column():
+    """Delays are those of the struts, filters those of the channels in the file."""
+    section = run(data={"order": {"Q": [3, 1, 2, 4, 5, 6]}}).run.data
+    lag = ChannelLag("Q", 2, 2e-3)
+    said = describe_channel_lag(lag, Wiring.as_measured(), section)
+    assert said.startswith("Q3 lags")
+    assert "`data.delay: {forces: [0, 0, 2 ms, 0, 0, 0]}`" in said
+    key = re.search(r"`data.filter: {(Q\d): {low_pass: 79.6 Hz, order: 1}}`", said)[1]
+    filters = run(data={"order": section.order, "filter": {key: {"low_pass": "79.6 Hz"}}}).run.data
+    assert [one is not None for one in filters.channel_filters("Q")] == [j == 2 for j in range(6)]
