@@ -240,19 +240,29 @@ SHAPES = (
 )
 
 
+CLASSES = (
+    '<default><default class="turned"><geom type="box" size="0.1 0.2 0.3" mass="2" '
+    'pos="0.1 0.2 0.3" euler="10 20 30"/></default></default>'
+)
+
+
 @pytest.mark.parametrize(
     "content",
     [
         *(f'<geom mass="2" pos="0.1 0.2 0.3" euler="10 20 30" {shape}/>' for shape in SHAPES[:5]),
         *(f'<geom mass="2" {shape}/><geom mass="1" size="0.2"/>' for shape in SHAPES[5:]),
         f'<frame pos="0.1 0 0.2" euler="40 0 0"><geom mass="3" {SHAPES[0]}/></frame>',
+        '<geom class="turned"/>',
+        '<geom class="turned" pos="0.3 0 0" quat="1 0.5 0.2 0.3"/>',
+        '<frame childclass="turned" pos="0.1 0 0.2"><geom/></frame><geom mass="1" size="0.2"/>',
         '<inertial mass="2" pos="0.1 0 0" euler="10 20 30" diaginertia="0.1 0.2 0.25"/>',
         '<inertial mass="2" pos="0.1 0 0" fullinertia="0.1 0.2 0.25 0.01 -0.02 0.03"/>',
     ],
 )
 def test_masses_and_inertias_are_those_of_mujoco(content, tmp_path):
     place = 'pos="0.3 -0.1 0.2" axisangle="1 2 3 50"'
-    text = f"<mujoco><worldbody><body name='b' {place}>{content}</body></worldbody></mujoco>"
+    world = f"<worldbody><body name='b' {place}>{content}</body></worldbody>"
+    text = f"<mujoco>{CLASSES}{world}</mujoco>"
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -268,6 +278,29 @@ def test_masses_and_inertias_are_those_of_mujoco(content, tmp_path):
     np.testing.assert_allclose(body.moment / body.mass, data.xipos[1], atol=1e-12)
     expected = axes @ np.diag(model.body_inertia[1]) @ axes.T
     np.testing.assert_allclose(body.about_centre, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        '<position joint="slide0" gear="100" forcerange="-2 2" kp="1"/>',
+        '<motor joint="slide0" gear="350" ctrlrange="-1 1" forcerange="-0.5 0.5"/>',
+        '<motor joint="slide0" gear="350" ctrlrange="-1 1" ctrllimited="false"/>',
+        '<motor joint="slide0" gear="-2" ctrlrange="-70 70" ctrllimited="true"/>',
+    ],
+)
+def test_the_largest_force_of_an_actuator_is_that_of_mujoco(actuator, tmp_path):
+    text = re.sub(r'<motor joint="slide0"[^>]*/>', actuator, bench.mjcf())
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 1e9
+    mujoco.mj_forward(model, data)
+    expected = abs(data.qfrc_actuator[model.joint("slide0").dofadr[0]])
+    machine = read(tmp_path, text)
+    if expected > 1e8:  # nothing limits it
+        assert "limits.actuator_force" in asked(machine)
+    else:
+        assert machine.limits["actuator_force"][0] == pytest.approx(expected)
 
 
 def test_a_pose_relative_to_another_frame_is_that_of_the_frame(tmp_path):

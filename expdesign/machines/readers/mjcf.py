@@ -5,9 +5,10 @@ Bodies have the pose of the model as written (qpos0). Source: MuJoCo's XML refer
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -139,16 +140,13 @@ class _Model:
         travel = force = None
         if title == "slide":
             travel = self._range(element, given)
-            force = _largest(element, given, "actuatorfrcrange")
+            force = self._largest(element, given, "actuatorfrc")
         return Joint(
             _KINDS[title], (0, 0), (point, point), axes, element, travel=travel, force=force
         )
 
     def _range(self, element: Element, given: dict[str, str]) -> tuple[float, float] | None:
-        limited = given.get("limited", "auto")
-        if "range" not in given or limited == "false":
-            return None
-        if limited == "auto" and not self.attributes.autolimits:
+        if "range" not in given or not self.attributes.is_limited(given, "limited"):
             return None
         low, high = element.numbers(given["range"], "range", 2)
         reference = float(element.numbers(given.get("ref", "0"), "ref", 1)[0])
@@ -160,8 +158,7 @@ class _Model:
         if inertial is not None:
             return float(inertial.numbers(inertial.attributes.get("mass", ""), "mass", 1)[0])
         total = 0.0
-        for geom, _ in geoms(element, WORLD, self.attributes):
-            given = self.attributes.given(geom, inherited)
+        for geom, _, given in geoms(element, WORLD, self.attributes, inherited):
             if "mass" not in given:
                 return None
             total += float(geom.numbers(given["mass"], "mass", 1)[0])
@@ -205,25 +202,26 @@ class _Model:
         for section in self.root.all("actuator"):
             for element in section.all(*_ACTUATORS):
                 given = self.attributes.given(element)
-                force = _largest(element, given, "forcerange")
-                if force is None and element.tag == "motor":
-                    force = _largest(element, given, "ctrlrange")
+                largest = [self._largest(element, given, "force")]
+                if element.tag == "motor":
+                    largest.append(self._largest(element, given, "ctrl"))
+                known = [force for force in largest if force is not None]
+                if known and given.get("joint"):
                     gear = element.numbers(given.get("gear", "1"), "gear")
-                    force = None if force is None else force * abs(float(gear[0]))
-                if force is not None and given.get("joint"):
-                    forces[given["joint"]] = force
+                    forces[given["joint"]] = min(known) * abs(float(gear[0]))
         for i, joint in enumerate(self.joints):
             name = joint.source.attributes.get("name", "")
-            if joint.kind == "slide" and joint.force is None and name in forces:
-                self.joints[i] = replace(joint, force=forces[name])
+            if joint.kind == "slide" and name in forces:
+                own = forces[name] if joint.force is None else min(forces[name], joint.force)
+                self.joints[i] = replace(joint, force=own)
 
-
-def _largest(element: Element, given: dict[str, str], key: str) -> float | None:
-    """Return the force of a range that is the same in both directions; None without one."""
-    if key not in given:
-        return None
-    low, high = element.numbers(given[key], key, 2)
-    return float(min(-low, high)) if low < 0 < high else None
+    def _largest(self, element: Element, given: dict[str, str], kind: str) -> float | None:
+        """Return the largest value of a range that is the same in both directions, else None."""
+        key = f"{kind}range"
+        if key not in given or not self.attributes.is_limited(given, f"{kind}limited"):
+            return None
+        low, high = element.numbers(given[key], key, 2)
+        return float(min(-low, high)) if low < 0 < high else None
 
 
 def _refuse_references(element: Element) -> None:
@@ -300,21 +298,31 @@ class Attributes:
         tag = "general" if element.tag in _ACTUATORS else element.tag
         return {**self.classes[name].get(tag, {}), **element.attributes}
 
-    def place(self, element: Element) -> Placement:
-        """Return the placement of a body or frame in its parent."""
-        origin = np.zeros(3)
-        if (pos := element.attributes.get("pos")) is not None:
-            origin = element.numbers(pos, "pos", 3)
-        return Placement(self._rotation(element), origin)
+    def is_limited(self, given: Mapping[str, str], flag: str) -> bool:
+        """Return whether a range counts: by its flag, by default where the range is stated."""
+        stated = given.get(flag, "auto")
+        return stated == "true" or (stated == "auto" and self.autolimits)
 
-    def _rotation(self, element: Element) -> Array:
-        given = [key for key in _ORIENTATIONS if key in element.attributes]
-        if len(given) > 1:
-            raise element.refusal(f"{' and '.join(given)} are two orientations", "one of them")
-        if not given:
+    def place(
+        self, element: Element, defaults: Mapping[str, str] = MappingProxyType({})
+    ) -> Placement:
+        """Return the placement of an element in its parent; bodies and frames have no defaults."""
+        origin = np.zeros(3)
+        if (pos := element.attributes.get("pos", defaults.get("pos"))) is not None:
+            origin = element.numbers(pos, "pos", 3)
+        return Placement(self._rotation(element, defaults), origin)
+
+    def _rotation(self, element: Element, defaults: Mapping[str, str]) -> Array:
+        own, inherited = (
+            [key for key in _ORIENTATIONS if key in given]
+            for given in (element.attributes, defaults)
+        )
+        if len(own) > 1:
+            raise element.refusal(f"{' and '.join(own)} are two orientations", "one of them")
+        if not (own or inherited):
             return np.eye(3)
-        key = given[0]
-        text = element.attributes[key]
+        key = (own or inherited)[0]
+        text = element.attributes.get(key, defaults.get(key, ""))
         if key == "quat":
             quaternion = element.direction(element.numbers(text, key, 4), key)
             return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
@@ -358,7 +366,8 @@ def rigid_body(
     if inertial is not None:
         own = _inertial(inertial, attributes)
     else:
-        found = [_geom(*one, attributes, inherited) for one in geoms(element, WORLD, attributes)]
+        shapes = geoms(element, WORLD, attributes, inherited)
+        found = [_geom(*one, attributes) for one in shapes]
         known = [body for body in found if body is not None]
         own = together(known) if len(known) == len(found) else None
     return None if own is None else own.placed(place.rotation, place.origin)
@@ -378,26 +387,30 @@ def _inertial(inertial: Element, attributes: Attributes) -> RigidBody | None:
 
 
 def geoms(
-    element: Element, place: Placement, attributes: Attributes
-) -> Iterator[tuple[Element, Placement]]:
-    """Yield the geoms of a body and of its frames, with the placement of their frame."""
+    element: Element, place: Placement, attributes: Attributes, inherited: str | None
+) -> Iterator[tuple[Element, Placement, dict[str, str]]]:
+    """Yield the geoms of a body and of its frames: with the placement of their frame, attributes.
+
+    `inherited` is the class of the body's geoms that have none.
+    """
     for geom in element.all("geom"):
-        yield geom, place
+        yield geom, place, attributes.given(geom, inherited)
     for frame in element.all("frame"):
-        yield from geoms(frame, place.then(attributes.place(frame)), attributes)
+        inner = place.then(attributes.place(frame))
+        own = frame.attributes.get("childclass") or inherited
+        yield from geoms(frame, inner, attributes, own)
 
 
 def _geom(
-    geom: Element, within: Placement, attributes: Attributes, inherited: str | None
+    geom: Element, within: Placement, given: dict[str, str], attributes: Attributes
 ) -> RigidBody | None:
-    given = attributes.given(geom, inherited)
     if "mass" not in given:
         return None
     mass = float(geom.numbers(given["mass"], "mass", 1)[0])
     if mass == 0:
         return together(())
     kind = given.get("type", "sphere")
-    place, size = attributes.place(geom), geom.numbers(given.get("size", ""), "size")
+    place, size = attributes.place(geom, given), geom.numbers(given.get("size", ""), "size")
     if "fromto" in given:
         ends = geom.numbers(given["fromto"], "fromto", 6).reshape(2, 3)
         along = ends[1] - ends[0]
