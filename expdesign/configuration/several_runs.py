@@ -30,6 +30,8 @@ _DIGEST = 8
 Sweep = Mapping[str, Sequence[Any]]
 Place = tuple[int, ...]
 """Index of the point's value for every path."""
+MOTION = "motion-"
+"""Beginning of the names of the motions' run folders."""
 
 
 def grid_points(
@@ -218,7 +220,7 @@ def motion_folders(configuration: RunConfiguration, folder: Path) -> tuple[Path,
     count = configuration.run.trajectory.count
     if count == 1:
         return (folder,)
-    return tuple(folder / f"motion-{number}" for number in range(1, count + 1))
+    return tuple(folder / f"{MOTION}{number}" for number in range(1, count + 1))
 
 
 def motion_runs(configuration: RunConfiguration, folder: Path) -> list[RunConfiguration]:

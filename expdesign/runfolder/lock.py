@@ -19,6 +19,7 @@ from typing import Annotated, ClassVar
 from filelock import FileLock, Timeout
 
 from expdesign.configuration import ComputationError, InputError
+from expdesign.configuration.several_runs import MOTION
 from expdesign.interruption import clean_up
 from expdesign.runfolder.fields import described
 from expdesign.runfolder.files import RUN_FILE
@@ -49,7 +50,7 @@ def one_writer(folder: Path, command: str) -> Iterator[None]:
     """Hold the lock of a run folder; create the folder, and remove it again if it stays empty.
 
     The lock of a process that died is free, that of another command is refused. The run folders of
-    a sweep's designs are locked together with the sweep's own.
+    a sweep's designs and of the motions of one run are locked together with the folder around them.
 
     Examples
     --------
@@ -61,12 +62,19 @@ def one_writer(folder: Path, command: str) -> Iterator[None]:
     >>> list(place.iterdir())
     []
     """
-    sweep = folder.parent.parent
-    is_swept = folder.parent.name == DESIGNS and (sweep / RUN_FILE).is_file()
     with ExitStack() as held:
-        for place in (sweep, folder) if is_swept else (folder,):
+        for place in _whole_runs(folder):
             held.enter_context(_locked(place, command))
         yield
+
+
+def _whole_runs(folder: Path) -> tuple[Path, ...]:
+    """Return the run folders around a run folder of a sweep or of several motions, and itself."""
+    around = folder.parent.parent if folder.parent.name == DESIGNS else folder.parent
+    is_part = folder.parent.name == DESIGNS or folder.name.startswith(MOTION)
+    if is_part and (around / RUN_FILE).is_file():
+        return (*_whole_runs(around), folder)
+    return (folder,)
 
 
 @contextmanager

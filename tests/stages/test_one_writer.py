@@ -68,12 +68,15 @@ def test_the_lock_of_a_dead_process_is_free(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_design_of_a_sweep_is_locked_with_the_sweep(tmp_path):
-    (tmp_path / "run.yaml").touch()
+@pytest.mark.parametrize("part", ["designs/001", "motion-2", "designs/001/motion-2"])
+def test_a_part_of_a_run_is_locked_with_the_whole(part, tmp_path):
+    for folder in (tmp_path, tmp_path / "designs" / "001"):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "run.yaml").touch()
     with (
         one_writer(tmp_path, "expdesign run"),
         pytest.raises(InputError, match="expdesign run"),
-        one_writer(tmp_path / "designs" / "001", "expdesign export"),
+        one_writer(tmp_path / part, "expdesign export"),
     ):
         pytest.fail("it is held")
 
