@@ -15,6 +15,7 @@ from pydantic import BeforeValidator
 
 from constraints.plugins import declarations
 from expdesign.configuration import quantity
+from expdesign.configuration.bodies import Bodies
 from expdesign.configuration.document import Located
 from expdesign.configuration.errors import InputError, Problem, refusal
 from expdesign.configuration.geometry import HalfAngle, JointRing, PairedStruts, geometry_at
@@ -124,13 +125,16 @@ def machine_from_answers(
     one = answers.value
     known = replace(known or MachineDraft(one.name), name=one.name)
     height = one.home_height
+    home = known.home or (0.0,) * len(COORDINATE_NAMES)
+    bodies, about_bodies = _scale_bodies(known.bodies, one.mass)
     machine = replace(
         known,
         base_joints=_joints(one, "base") or known.base_joints,
         platform_joints=_joints(one, "platform") or known.platform_joints,
-        home=known.home if height is None else (0.0, 0.0, height, 0.0, 0.0, 0.0),
+        home=known.home if height is None else (*home[:2], height, *home[3:]),
         moved_mass=known.moved_mass if one.mass is None else one.mass,
-        drive=_drive(one) or known.drive,
+        bodies=bodies,
+        drive=_drive(one, known.drive) or known.drive,
         force_std=known.force_std if one.force_std is None else (one.force_std,) * ACTUATORS,
         length_std=known.length_std if one.length_std is None else (one.length_std,) * ACTUATORS,
         tolerances=_tolerances(one),
@@ -141,6 +145,7 @@ def machine_from_answers(
             limits[key] = value
     answered = {_ANSWERS.get(key, key) for key, value in vars(one).items() if value is not None}
     questions = [q for q in known.questions if q.key.removeprefix("limits.") not in answered]
+    questions += about_bodies
     if one.strut_length is not None:
         limits["strut_length"] = list(one.strut_length)
     if one.stroke is not None:
@@ -198,13 +203,42 @@ def _joints(one: MachineDescription, end: str) -> JointRing | Points | None:
     return JointRing(**ring, pairs=_PAIRS[end])
 
 
-def _drive(one: MachineDescription) -> Drive | None:
-    """Return the drive; None if the answers do not determine it."""
+def _scale_bodies(
+    bodies: Bodies | None, mass: float | None
+) -> tuple[Bodies | None, list[Question]]:
+    """Return the bodies with a mass of platform and payload together, and a question about it."""
+    known = 0.0 if bodies is None else bodies.part("platform", "payload").mass
+    if bodies is None or mass is None or known in (0.0, mass):
+        return bodies, []
+    scaled = {
+        part: tuple(
+            body.model_copy(
+                update={
+                    "mass": round_digits(body.mass * mass / known),
+                    "inertia": tuple(round_digits(one * mass / known) for one in body.inertia),
+                }
+            )
+            for body in getattr(bodies, part)
+        )
+        for part in ("platform", "payload")
+    }
+    text = (
+        f"The file has {quantity.quantity_text(known, 'kg')} for the platform: its masses and "
+        f"inertias are scaled to {quantity.quantity_text(mass, 'kg')}. Are they right?"
+    )
+    return bodies.model_copy(update=scaled), [Question("bodies", text)]
+
+
+def _drive(one: MachineDescription, known: Drive | None) -> Drive | None:
+    """Return the drive; None if the answers do not determine it. A known thread is kept."""
     if one.drive == "direct":
         return DIRECT
     if one.lead is None or one.drive is None:
         return None
-    return Drive.model_validate({one.drive: {"lead": one.lead, "inertia": one.inertia}})
+    stated: dict[str, Any] = {"lead": one.lead, "inertia": one.inertia}
+    if one.drive == "screw" and known is not None and known.screw is not None:
+        stated["thread"] = known.screw.thread
+    return Drive.model_validate({one.drive: stated})
 
 
 def _tolerances(one: MachineDescription) -> dict[str, Any]:

@@ -59,6 +59,35 @@ def test_other_formats_pass_check_and_keep_the_lengths(title, expdesign, tmp_pat
         )
 
 
+def test_options_change_only_what_they_state(expdesign, tmp_path):
+    file = tmp_path / "model.xml"
+    file.write_text(simulated.mjcf())
+    home = np.array(read_machine("m", [file]).home)
+    options = ("--mass", "64 kg", "--home-height", "710 mm")
+    status, _, err = expdesign("init", "m", "--from", str(file), *options)
+    assert status == 0, err
+    robot = load_run("m-run.yaml").robot
+    home[2] = 0.71
+    np.testing.assert_allclose(robot.home, home, rtol=0, atol=1e-9)
+    assert robot.parameters["p10"] == pytest.approx(64 + 6 * 0.25)
+    given = simulated.PLATE + simulated.PAYLOAD
+    platform = robot.description.bodies.part("platform")
+    assert platform.inertia[2, 2] == pytest.approx(64 / given * 0.4 * given * 0.1**2)
+    assert "scaled to 64 kg" in (tmp_path / "m.yaml").read_text(encoding="utf-8")
+
+
+def test_an_inertia_does_not_turn_a_left_handed_thread(expdesign, tmp_path):
+    hal = (FOLDER / "mill.hal").read_text().replace("[SCREW]LEAD", "-5")
+    (tmp_path / "mill.hal").write_text(hal)
+    (tmp_path / "mill.ini").write_text((FOLDER / "mill.ini").read_text())
+    drive = ("--drive", "screw", "--lead", "5 mm", "--inertia", "6e-5 kg m^2")
+    status, _, err = expdesign("init", "mill", "--from", "mill.ini", *drive)
+    assert status == 0, err
+    robot = load_run("mill-run.yaml").robot
+    assert robot.drive.screw.inertia == pytest.approx(6e-5)
+    assert robot.thread_lead == pytest.approx(-0.005)
+
+
 def test_sets_of_joints_are_named_by_options(expdesign, tmp_path):
     platform = np.roll(ring(0.25, 60, 12, -0.05), 1, axis=0)
     points = [ring(0.45, 0, 8).tolist(), platform.tolist()]
