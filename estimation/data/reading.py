@@ -304,8 +304,8 @@ def file_channels(
 def seconds_of(table: RawTable, section: DataSection) -> tuple[Array, float, list[str]]:
     """Return the time (T,), s, from the first row on if it counts from a date.
 
-    The others are the time that was subtracted, s, of a date since 1970, and warnings. Messages of
-    ROS count from the first one, whatever its stamp.
+    The others are the time that was subtracted, s, of a date since 1970, and warnings. Times of day
+    and messages of ROS count from the first row, too.
 
     Raises
     ------

@@ -105,11 +105,10 @@ class TimeCells:
 
     @property
     def origin(self) -> float:
-        """Time of the first cell in the file's unit, of stamps in s; 0 for a time of day."""
+        """Time of the first cell in the file's unit, of stamps in s, also of a time of day."""
         if self.first is None:
             return 0.0
-        first = float(self.first) * (1e-9 if self.stamps else 1.0)
-        return 0.0 if self.stamps and first < EARLIEST else first
+        return float(self.first) * (1e-9 if self.stamps else 1.0)
 
     def read(self, cells: Sequence[str]) -> Array:
         """Return times (T,) from the first one on; NaN for a cell without a time."""

@@ -234,7 +234,8 @@ class RawTable:
     header_line: int = HEADER_LINE
     """Line of the names in a text."""
     origin: float = 0.0
-    """First time of a column that counts from a date, in the file's unit: it is subtracted."""
+    """First time of a column that counts from its first row, in the file's unit: it is
+    subtracted."""
 
     def __len__(self) -> int:
         """Return the number of rows T."""

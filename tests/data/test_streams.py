@@ -39,15 +39,14 @@ def _write(folder, name, columns, time, values):
     return str(folder / name)
 
 
-def _files(folder, of_lengths, of_forces, *, seed=None, dates=False):
+def _files(folder, of_lengths, of_forces, *, seed=None, dates=None):
     q, _ = _sampled(of_lengths, seed)
     _, forces = _sampled(of_forces, None if seed is None else seed + 1000)
     shown = [of_lengths, of_forces]
-    if dates:
+    if dates is not None:
         nanoseconds = [np.round((START + each) * 1e6).astype(np.int64) for each in shown]
         shown = [
-            pd.to_datetime(each, unit="us").strftime("%Y-%m-%dT%H:%M:%S.%fZ")
-            for each in nanoseconds
+            pd.to_datetime(each, unit="us").strftime(f"{dates}%H:%M:%S.%fZ") for each in nanoseconds
         ]
     joints = [f"Joint_{j}" for j in range(1, 7)]
     files = {
@@ -81,7 +80,7 @@ def test_a_spline_keeps_what_is_slow():
     np.testing.assert_allclose(resample(at, found, at), found, atol=1e-9)
 
 
-@pytest.mark.parametrize("dates", [False, True])
+@pytest.mark.parametrize("dates", [None, "%Y-%m-%dT", ""])
 @pytest.mark.parametrize(("of_lengths", "of_forces"), [(1000, 250), (200, 720), (250, 250)])
 def test_two_rates_meet_at_the_lower_one(tmp_path, of_lengths, of_forces, dates):
     section = _files(tmp_path, _grid(of_lengths), _grid(of_forces, 0.0123), dates=dates)
