@@ -1,11 +1,11 @@
 """Comparison of designs: criteria, precision, effort, limits and their costs.
 
-The information F of a motion depends on joints, first cardan axes, gravity, the model and the noise
-of the forces. Machines that differ in one of them differ in det F for the same design, so that only
-designs for the same machine have an efficiency. Values of the parameters, limits, home and names do
-not distinguish machines. Earlier recordings (`design.prior`) add information that is not the
-motion's, and a motion may have been designed together with others (`design.others`): designs that
-differ in these have no efficiency either.
+The information F of a motion depends on joints, first cardan axes, threads, gravity, the model with
+its constants, and the noise of the forces. Machines that differ in one of them differ in det F for
+the same design, so that only designs for the same machine have an efficiency. Values of the
+parameters, limits, home and names do not distinguish machines. Earlier recordings (`design.prior`)
+add information that is not the motion's, and a motion may have been designed together with others
+(`design.others`): designs that differ in these have no efficiency either.
 """
 
 from __future__ import annotations
@@ -429,13 +429,26 @@ def _robot_differences(one: ResolvedRobot, other: ResolvedRobot) -> list[str]:
     )
     found = [words for words, first, second in pairs if not _same(first, second)]
     found += ["spectrum of the force noise"] if spectra[0] != spectra[1] else []
-    return found + (["terms of the model"] if one.terms != other.terms else [])
+    if one.terms != other.terms:
+        return [*found, "terms of the model"]
+    pairs = (
+        ("constants of the terms", np.array(one.constants), np.array(other.constants)),
+        ("threads of the struts", _threads(one), _threads(other)),
+    )
+    return found + [words for words, first, second in pairs if not _same(first, second)]
+
+
+def _threads(robot: ResolvedRobot) -> Array | None:
+    """Return lead and axes of struts that move on their threads; None without."""
+    if robot.platform_cardan_axes is None:
+        return None
+    return np.append(robot.platform_cardan_axes, robot.thread_lead)
 
 
 def _same(first: Array | None, second: Array | None) -> bool:
     if first is None or second is None:
         return first is second
-    largest = float(np.max(np.abs(first)))
+    largest = float(np.max(np.abs(first), initial=0.0))
     return bool(np.allclose(first, second, rtol=0, atol=_SAME * largest))
 
 

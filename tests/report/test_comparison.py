@@ -7,6 +7,7 @@ import re
 import shutil
 from contextlib import nullcontext
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,12 +15,14 @@ from rich.console import Console
 from ruamel.yaml import YAML
 
 from expdesign.configuration import InputError, load_run
+from expdesign.configuration.robot import load_robot_description
 from expdesign.experiment import DesignResult
 from expdesign.experiment.judging import noise_evaluator
 from expdesign.experiment.plan import Prediction
 from expdesign.runfolder.manifest import Manifest, entry, file_hash
 from expdesign.stages.registry import reported_stages
 from results.comparison.comparison import write_comparison
+from results.comparison.designs import ComparedDesign, DesignComparison
 from results.render.terminal import print_view
 from tests.blank_figures import blank_figures
 from tests.report.html import Page
@@ -276,6 +279,41 @@ def test_different_robots_have_no_efficiency(folder, twin, tmp_path, edit, words
     assert not re.search(r"other has [\d.]+ % of its information", text)
     assert "for 2 different robots" in text
     assert "empty where no other design is of it" in text
+
+
+def on_screws(thread):
+    def edit(robot):
+        robot["terms"].remove("passive_friction")
+        robot["parameters"] = {k: v for k, v in robot["parameters"].items() if k[:2] != "r_"}
+        robot["drive"] = {"screw": {"lead": "5 mm", "thread": thread}}
+        robot["platform_cardan_axes"] = np.add(robot["alpha_axes"], [0.1, 0, 0.2]).tolist()
+
+    return edit
+
+
+def with_cogging(pitch):
+    return lambda robot: robot["terms"].append({"cogging": {"pitch": pitch}})
+
+
+@pytest.mark.parametrize(
+    ("edits", "machines"),
+    [
+        ((with_cogging("30 mm"), with_cogging("20 mm")), 2),
+        ((with_cogging("30 mm"), with_cogging("30 mm")), 1),
+        ((on_screws("right"), on_screws("left")), 2),
+        ((on_screws("left"), on_screws("left")), 1),
+    ],
+)
+def test_constants_of_terms_and_threads_make_another_robot(edits, machines):
+    """The forces of the parameters depend on them, and so does F."""
+    palida = load_robot_description("palida").description
+    designs = []
+    for edit in edits:
+        robot = palida.model_dump(mode="json", by_alias=True, exclude_none=True)
+        edit(robot)
+        result = SimpleNamespace(configuration=load_run({"name": "n", "robot": robot}))
+        designs.append(ComparedDesign("a design", result))
+    assert DesignComparison(tuple(designs), 0.01).machine_count == machines
 
 
 def test_limits_home_and_names_make_no_other_robot(folder, twin, tmp_path):
