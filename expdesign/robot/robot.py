@@ -155,7 +155,8 @@ class Robot:
             return self
         extended = add_lacking_terms(self.description, self.lacking_parameters)
         further = tuple(extended.parameters.values())[len(self.parameters) :]
-        return Robot(extended, self.load_parameters and (*self.load_parameters, *further))
+        load = self.load_parameters and (*self.load_parameters, *further)
+        return replace(self, description=extended, load_parameters=load, lacking_parameters=())
 
     @property
     def graph(self) -> HexapodGraph:

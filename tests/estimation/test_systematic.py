@@ -623,6 +623,29 @@ def test_forces_of_lacking_terms_are_removed_from_single_periods_too():
         np.testing.assert_allclose(removed, [given.values - forces.values] * len(removed))
 
 
+def test_forces_of_lacking_friction_allow_for_an_inexact_delay():
+    _, data = _draw_lacking(1, 0.3)
+    config = run(GIVEN, tolerances=TERMS)
+    (before,) = estimate_parameters(config, data, MOTION).experiments
+    robot = robot_from(config.robot)
+    entries = toleranced_deviations(robot)
+    mu = [0.05 * (one.name == "load_friction_mu1") for one in entries]
+    machine = apply_deviations(robot, entries, np.array(mu))
+    given, times = before.recording.forces.values, before.recording.forces.times
+    # The sign that a delay of 20 ms, as standard deviation, leaves on average.
+    late = np.linspace(-4, 4, 81)
+    weights = np.exp(-(late**2) / 2) / np.sum(np.exp(-(late**2) / 2))
+    motion = before.fit.motion
+    state = [motion.at(times + 0.02 * one).state() for one in late]
+    speeds = [robot.strut_motion(*np.split(one[:, :18], 3, axis=1)).length_rate for one in state]
+    signs = weights @ np.sign(np.array(speeds)[:, :, 0])
+    exact = given - before.without_lacking_terms(machine).recording.forces.values
+    machine = replace(machine, delay_std=0.02)
+    removed = given - before.without_lacking_terms(machine).recording.forces.values
+    load = np.abs(exact[:, 0])
+    np.testing.assert_allclose(removed[:, 0], load * signs, atol=0.15 * np.max(load))
+
+
 @pytest.mark.parametrize(
     "runs",
     [
