@@ -262,7 +262,18 @@ CLASSES = (
 def test_masses_and_inertias_are_those_of_mujoco(content, tmp_path):
     place = 'pos="0.3 -0.1 0.2" axisangle="1 2 3 50"'
     world = f"<worldbody><body name='b' {place}>{content}</body></worldbody>"
-    text = f"<mujoco>{CLASSES}{world}</mujoco>"
+    _compare_bodies(f"<mujoco>{CLASSES}{world}</mujoco>", tmp_path)
+
+
+def test_shapes_count_where_the_compiler_says_so(tmp_path):
+    inertial = '<inertial mass="2" pos="0.1 0 0" diaginertia="0.1 0.2 0.25"/>'
+    world = f'<worldbody><body name="b">{inertial}<geom mass="3" {SHAPES[0]}/></body></worldbody>'
+    for choice in ("auto", "true"):
+        compiler = f'<compiler inertiafromgeom="{choice}"/>'
+        _compare_bodies(f"<mujoco>{compiler}{world}</mujoco>", tmp_path)
+
+
+def _compare_bodies(text, tmp_path):
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

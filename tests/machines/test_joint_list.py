@@ -64,12 +64,23 @@ TEXTS = {
     "struts.json": json.dumps({"height": 0.7, "legs": LEGS}),
     "named.yaml": _named(BASE, PLATFORM),
     "coordinates.yml": json.dumps(COORDINATES),
+    "reversed.yaml": "\n".join(
+        _named(BASE, PLATFORM).splitlines()[:7] + _named(BASE, PLATFORM).splitlines()[:6:-1]
+    ),
+    "over the base.json": json.dumps(LISTS | {"topPoints": (PLATFORM + HOME).tolist()}),
     "struts.csv": _columns("", BASE, PLATFORM + HOME),
     "millimetres.csv": _columns(" [mm]", 1e3 * BASE, 1e3 * (PLATFORM + HOME)),
     "joints.csv": _rows(("base", "top"), 1e3 * BASE, 1e3 * (PLATFORM + HOME)),
     "comma.csv": _rows(("base", "top"), 1e3 * BASE, 1e3 * (PLATFORM + HOME)).replace(".", ","),
 }
-WITH_UNIT = {"lists.json", "objects.json", "millimetres.csv", "joints.csv", "comma.csv"}
+WITH_UNIT = {
+    "lists.json",
+    "over the base.json",
+    "objects.json",
+    "millimetres.csv",
+    "joints.csv",
+    "comma.csv",
+}
 STRUCT = {"Aa": BASE, "Ab": PLATFORM + HOME, "Bb": PLATFORM, "L": 0.7 * np.ones(6)}
 MATRICES = {
     "older struct": {"stewart": STRUCT},

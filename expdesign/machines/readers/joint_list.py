@@ -33,6 +33,8 @@ _MILLIMETRES = 5.0
 _RAISED = 0.1
 """Height of the platform's points over those of the base, as a share of the base's size, from which
 both are in one frame."""
+_AS_HIGH = 0.1
+"""Relative difference up to which that height is the stated one, of a TCP near the joints."""
 _ALLOWED = (
     "two sets of six points [x, y, z], base_joints and platform_joints, and optionally height and "
     "unit; CSV has the columns base_x … platform_z, or name, x, y, z"
@@ -102,12 +104,21 @@ def draft_of_points(
         raise InputError(error.message(), file, key="unit", allowed="such as mm") from None
     base, platform = (scale * points for points in (chosen["base"], chosen["platform"]))
     home = np.array([0.0, 0.0, scale * heights[0]]) if heights else None
-    raised = abs(float(np.mean(platform[:, 2]) - np.mean(base[:, 2])))
-    if home is None and raised > _RAISED * float(np.ptp(base, axis=0).max()):
-        home = platform.mean(axis=0)
-        platform = platform - home
-        text = "The joints of the platform are given over the base: the TCP is put amid them."
-        questions.append(Question("home", text))
+    raised = float(np.mean(platform[:, 2]) - np.mean(base[:, 2]))
+    if abs(raised) > _RAISED * float(np.ptp(base, axis=0).max()):
+        if home is None:
+            home = platform.mean(axis=0)
+            platform = platform - home
+            text = "The joints of the platform are given over the base: the TCP is put amid them."
+            questions.append(Question("home", text))
+        elif abs(raised - home[2]) < _AS_HIGH * abs(raised):
+            platform = platform - home
+            text = (
+                f"The joints of the platform are {raised * 1e3:.6g} mm over those of the base, "
+                f"about the height in the file, {home[2] * 1e3:.6g} mm: they are taken as given in "
+                "the base frame. Are they?"
+            )
+            questions.append(Question("platform_joints", text))
     lengths, unread = _strut_lengths(values)
     if unread:
         text = f"Not read from the file: {', '.join(unread)}. Enter what is a limit below."
@@ -214,14 +225,17 @@ def _flat(value: Any, name: str = "", depth: int = 0) -> Iterator[tuple[str, Any
 
 
 def _grouped(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values with the points of equal names but for their numbers as one list."""
+    """Return values with the points of equal names but for their numbers as one list, by these."""
     found: dict[str, Any] = {}
+    numbered: dict[str, list[tuple[list[int], Any]]] = {}
     for key, value in values.items():
         group = re.sub(r"[\s_.-]*\d+", "", key)
         if isinstance(value, list) and len(value) == 3 and group != key:  # noqa: PLR2004 - x, y, z
-            found.setdefault(group, []).append(value)
+            numbered.setdefault(group, []).append(([*map(int, re.findall(r"\d+", key))], value))
         else:
             found[key] = value
+    for group, points in numbered.items():
+        found[group] = [value for _, value in sorted(points, key=lambda one: one[0])]
     return found
 
 

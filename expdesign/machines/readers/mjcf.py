@@ -154,8 +154,7 @@ class _Model:
 
     def _mass(self, element: Element, inherited: str | None) -> float | None:
         """Return a body's mass; None if it follows from shapes and densities."""
-        inertial = element.first("inertial")
-        if inertial is not None:
+        if (inertial := self.attributes.inertial(element)) is not None:
             return float(inertial.numbers(inertial.attributes.get("mass", ""), "mass", 1)[0])
         total = 0.0
         for geom, _, given in geoms(element, WORLD, self.attributes, inherited):
@@ -250,6 +249,8 @@ class Attributes:
     order: str = "xyz"
     """Order of Euler angles; upper case: about fixed axes."""
     autolimits: bool = True
+    by_shapes: bool = False
+    """Whether bodies have the inertia of their shapes although they state another one."""
     classes: dict[str, dict[str, dict[str, str]]] = field(default_factory=lambda: {_MAIN: {}})
     """Attributes by class and by the element's tag."""
 
@@ -264,6 +265,7 @@ class Attributes:
             found.degrees = given.get("angle", "degree" if found.degrees else "radian") == "degree"
             found.order = given.get("eulerseq", found.order)
             found.autolimits = given.get("autolimits", "true") == "true"
+            found.by_shapes = given.get("inertiafromgeom", "auto") == "true"
             if len(found.order) != len("xyz") or not set(found.order.lower()) <= set("xyz"):
                 raise compiler.refusal(f"eulerseq is {quote(found.order)}", "three of x, y, z")
         for default in root.all("default"):
@@ -297,6 +299,10 @@ class Attributes:
             raise element.refusal(f"the class {quote(name)} is unknown", known)
         tag = "general" if element.tag in _ACTUATORS else element.tag
         return {**self.classes[name].get(tag, {}), **element.attributes}
+
+    def inertial(self, element: Element) -> Element | None:
+        """Return the stated inertia of a body; None where its shapes make it."""
+        return None if self.by_shapes else element.first("inertial")
 
     def is_limited(self, given: Mapping[str, str], flag: str) -> bool:
         """Return whether a range counts: by its flag, by default where the range is stated."""
@@ -362,8 +368,7 @@ def rigid_body(
     element: Element, place: Placement, attributes: Attributes, inherited: str | None
 ) -> RigidBody | None:
     """Return a body in the world; None if its mass follows from unknown shapes."""
-    inertial = element.first("inertial")
-    if inertial is not None:
+    if (inertial := attributes.inertial(element)) is not None:
         own = _inertial(inertial, attributes)
     else:
         shapes = geoms(element, WORLD, attributes, inherited)
