@@ -67,6 +67,7 @@ TEXTS = {
     "reversed.yaml": "\n".join(
         _named(BASE, PLATFORM).splitlines()[:7] + _named(BASE, PLATFORM).splitlines()[:6:-1]
     ),
+    "quantity.yaml": _named(BASE, PLATFORM).replace("0.7", "700 mm"),
     "over the base.json": json.dumps(LISTS | {"topPoints": (PLATFORM + HOME).tolist()}),
     "struts.csv": _columns("", BASE, PLATFORM + HOME),
     "millimetres.csv": _columns(" [mm]", 1e3 * BASE, 1e3 * (PLATFORM + HOME)),
@@ -112,6 +113,7 @@ def test_a_list_of_joints(name, tmp_path):
     [
         ({"min_length": 600, "max_length": 800, "stroke": 200}, [0.6, 0.8], ""),
         ({"min_length": 600, "stroke": 200}, [0.6, 0.8], ""),
+        ({"strut_length": ["600 mm", "0.8 m"]}, [0.6, 0.8], ""),
         ({"strut_length": [600, 800], "max_speed": 0.5}, [0.6, 0.8], "max_speed"),
         ({"stroke": 200}, None, "stroke"),
         ({"min_length": 600, "max_length": 800, "stroke": 300}, [0.6, 0.8], "stroke"),

@@ -89,8 +89,6 @@ def draft_of_points(
             by_name = f". Name them: {_options(list(sets))}" if len(sets) > 1 else ""
             raise InputError(message, file, allowed=f"{_ALLOWED}{by_name}")
         chosen[end] = sets[found[0]]
-    given = [value for key, value in values.items() if _HEIGHT.search(_words(key))]
-    heights = [float(one) for one in given if isinstance(one, int | float)]
     stated = [value for key, value in values.items() if _UNIT.search(_words(key))]
     unit = str(stated[0]) if stated else ""
     if not stated:
@@ -102,6 +100,9 @@ def draft_of_points(
         scale = LENGTH.parse(f"1 {unit}")
     except PydanticCustomError as error:
         raise InputError(error.message(), file, key="unit", allowed="such as mm") from None
+    values = {key: _in_unit(value, scale) for key, value in values.items()}
+    given = [value for key, value in values.items() if _HEIGHT.search(_words(key))]
+    heights = [float(one) for one in given if isinstance(one, int | float)]
     base, platform = (scale * points for points in (chosen["base"], chosen["platform"]))
     home = np.array([0.0, 0.0, scale * heights[0]]) if heights else None
     raised = float(np.mean(platform[:, 2]) - np.mean(base[:, 2]))
@@ -132,6 +133,18 @@ def draft_of_points(
         limits={"strut_length": [scale * one for one in lengths]} if lengths else {},
         questions=tuple(questions),
     )
+
+
+def _in_unit(value: Any, scale: float) -> Any:
+    """Return texts with a unit of length, also in lists, as numbers in a unit of `scale` m."""
+    if isinstance(value, list):
+        return [_in_unit(one, scale) for one in value]
+    if not isinstance(value, str) or not re.search(r"\d\s*[^\W\d_]", value):
+        return value
+    try:
+        return LENGTH.parse(value) / scale
+    except PydanticCustomError:
+        return value
 
 
 def _strut_lengths(values: Mapping[str, Any]) -> tuple[list[float], list[str]]:
