@@ -221,6 +221,7 @@ class SweepStage(SearchStage):
         *("trajectory", "design", "sweep", "goals"),
         **_PREDICTION | {"experiment": _EXPERIMENT | {"payload"}},
     )
+    needs = ("others",)
     in_sweep = True
 
 

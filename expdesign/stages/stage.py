@@ -391,9 +391,10 @@ class Workspace:
 
         A recording that is a folder, of rosbag2, is all files in it.
         """
-        others = [Path(file) for file in self.configuration.run.design.others]
+        runs = self.configuration, *(point.configuration for point in self.configuration.grid)
+        others = dict.fromkeys(Path(file) for one in runs for file in one.run.design.others)
         designs = [path.absolute() for path in self.sources.designs or self.motion_folders]
-        places = others if need == "others" else designs
+        places = [*others] if need == "others" else designs
         files = [path / self.design_file.name if path.is_dir() else path for path in places]
         if need == "recording":
             pair = self.configuration.run.data.files

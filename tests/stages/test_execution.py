@@ -297,6 +297,23 @@ def test_a_validation_depends_on_the_recorded_motions(tmp_path):
     assert origins(stages()["validate"], work)[recorded.name] == file_hash(recorded)
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"sweep": {"trajectory.harmonics": [2, 3]}, "design": {"others": ["other.json"]}},
+        {"sweep": {"design.others": [[], ["other.json"]]}},
+    ],
+)
+def test_a_sweep_depends_on_the_other_motions_of_its_designs(tmp_path, monkeypatch, changes):
+    monkeypatch.chdir(tmp_path)
+    run = load_run({"name": "n", "robot": "palida"} | changes)
+    hashes = set()
+    for content in ("a motion", "another motion"):
+        (tmp_path / "other.json").write_text(content)
+        hashes.add(input_hash(stages()["sweep"], Workspace(run, tmp_path / "run")))
+    assert len(hashes) == 2
+
+
 @pytest.mark.parametrize("stage", ["estimate", "noise"])
 def test_a_recording_in_a_folder_is_all_its_files(tmp_path, stage):
     bag = tmp_path / "bag"
