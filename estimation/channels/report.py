@@ -137,8 +137,9 @@ def changed_keys(
             changed = {key: value for key, value in values.items() if value != default}
             yield name, values["q"] if values["q"] == values["Q"] else changed
     if np.any(found.lengths.offsets):
-        offsets = np.round(1e3 * (zeros + found.lengths.offsets), 2).tolist()
-        shown = [f"{value:g} mm" if value else 0 for value in offsets]
+        offsets = 1e3 * (zeros + found.lengths.offsets)
+        rounded = np.where(found.lengths.offsets, np.round(offsets, 2), offsets)
+        shown = [f"{value:.9g} mm" if value else 0 for value in rounded.tolist()]
         others = {} if not any(section.force_offsets) else {"Q": list(section.force_offsets)}
         yield "offset", {"q": shown, **others}
     if found.delay:

@@ -244,6 +244,11 @@ def test_what_the_section_states_keeps_its_digits():
         "scale": {"Q": [1.02345, 1, 1, 1, 0.333, 0.98765]},
         "delay": {"forces": "15.3356 ms", "lengths": "1.23456 ms"},
     }
+    zeros = np.array([0.7123456, 0.7, 0, 0.712, 0.7, 0.7])
+    lengths = replace(Wiring.as_measured(), offsets=np.array([0, 0, 0, 0.0123456, 0, 0]))
+    keys = dict(changed_keys(section, replace(found, lengths=lengths), zeros, has_units=False))
+    shown = ["712.3456 mm", "700 mm", 0, "724.35 mm", "700 mm", "700 mm"]
+    assert keys["offset"] == {"q": shown}
 
 
 @pytest.mark.parametrize("silent", [(), (3,), (1, 5)])
