@@ -243,7 +243,7 @@ def check_channels(
     accepted = explained >= _EXPLAINED and (sure or not none)
     factor = model.nominal_scale(found if accepted else given)
     has_unit = "Q" in has_units
-    scale = "" if none else describe_force_scale(robot, *factor, has_unit=has_unit)
+    scale = "" if none else describe_force_scale(robot, section, *factor, has_unit=has_unit)
     if not (accepted and (faults or from_home)):
         check = ChannelCheck((), {}, False, *shown, none, lag if accepted else "", scale)
         least_lag = partial(search.least_lag, found, _EXPLAINED / (1 - _EXPLAINED))

@@ -260,7 +260,9 @@ def describe_silent_forces(recording: PeriodicRecording, noise: NoiseModel) -> s
     )
 
 
-def describe_force_scale(robot: Robot, factor: float, alike: float, *, has_unit: bool) -> str:
+def describe_force_scale(
+    robot: Robot, section: DataSection, factor: float, alike: float, *, has_unit: bool
+) -> str:
     """Return the sentence on a factor between measured forces and those of the robot file.
 
     If the recording's file states a unit of the forces, the advice is a scale.
@@ -269,7 +271,8 @@ def describe_force_scale(robot: Robot, factor: float, alike: float, *, has_unit:
         return ""
     advice = advise_on_scale(factor, robot.description.drive.torque_per_force)
     if has_unit and factor > 0:
-        scale = f"`data.scale: {{Q: {1 / factor:.2g}}}`"
+        scales = [float(f"{one / factor:.2g}") for one in section.channel_scales("Q")]
+        scale = f"`data.scale: {{Q: {flow(shortened(scales))}}}`"
         advice = f"their unit in the recording ({scale}) or the masses of the robot file are wrong"
     return f"the forces are about {factor:.2g} times those of the robot file: {advice}"
 

@@ -21,6 +21,8 @@ _GAP = 1.5
 """Largest interval between two samples, in steps of the slower file, that is bridged."""
 _LATE = 10
 """Difference of the first stamps, in steps of the slower file, from which a clock is doubted."""
+_EQUAL = 1e-9
+"""Rounding of equal times, s: those of fitted grids have it."""
 _SHOWN = 1e-3
 """Smallest jitter that is reported, in steps."""
 
@@ -67,8 +69,8 @@ def join_tables(
     values = dict(zip(channels, reduced.T, strict=True))
     values |= {name: column[rows] for name, column in kept.values.items() if name != "t"}
     if slow and "period" in table.values:
-        before = np.searchsorted(fast.time, base.time[rows], side="right") - 1
-        values["period"] = table.values["period"][before]
+        before = np.searchsorted(fast.time, base.time[rows] + _EQUAL, side="right") - 1
+        values["period"] = table.values["period"][np.maximum(before, 0)]
     order = ["t", *(name for one in (table, other) for name in one.values if name != "t")]
     columns = {name: replace(one, file=source.file) for name, one in source.columns.items()}
     columns |= kept.columns
@@ -100,7 +102,7 @@ def join_tables(
 def _supported(at: Array, times: Array, most: float) -> Mask:
     """Return which times lie between two samples that are not further apart than `most`."""
     later = np.searchsorted(times, at)
-    later = np.where((later == 0) & np.isclose(at, times[0], rtol=0, atol=1e-9), 1, later)
+    later = np.where((later == 0) & np.isclose(at, times[0], rtol=0, atol=_EQUAL), 1, later)
     inside = (later > 0) & (later < len(times))
     ends = np.clip(later, 1, len(times) - 1)
     return inside & (times[ends] - times[ends - 1] <= most)

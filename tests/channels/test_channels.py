@@ -8,7 +8,7 @@ import pytest
 from scipy import signal
 
 from estimation.channels.check import check_channels, find_different_zeros
-from estimation.channels.report import changed_keys
+from estimation.channels.report import changed_keys, describe_force_scale
 from estimation.channels.wiring import Candidate, Wiring
 from estimation.data.sensors import SensorResponse
 from estimation.diagnostics.finding import Status
@@ -230,6 +230,15 @@ def test_a_unit_of_the_forces_that_the_section_states_wrongly(stated, factor, ke
     found = check_channels(ROBOT, case.run.data, *fold_measurement(case, data, MOTION), 2, MOTION)
     assert found.sure
     assert found.keys == key
+
+
+@pytest.mark.parametrize(
+    ("stated", "advised"), [(1, "0.22"), (2, "0.45"), ([2, 1, 1, 1, 1, 1], "[0.45, 0.22")]
+)
+def test_an_advised_scale_counts_the_stated_one(stated, advised):
+    section = run(data={"scale": {"Q": stated}}).run.data
+    said = describe_force_scale(ROBOT, section, 4.448, 1.0, has_unit=True)
+    assert f"`data.scale: {{Q: {advised}" in said
 
 
 def test_what_the_section_states_keeps_its_digits():

@@ -112,6 +112,17 @@ def test_a_file_that_begins_earlier_and_ends_later_or_covers_a_gap_is_as_exact(t
     np.testing.assert_allclose(found.lengths, _sampled(of_forces)[0], atol=1e-7)
 
 
+@pytest.mark.parametrize("rows", [1020, 1030, 1050])
+def test_period_numbers_of_lengths_at_more_samples(tmp_path, rows):
+    """The first rows have the same time up to the rounding of two fitted grids."""
+    section = _files(tmp_path, np.arange(rows) / 1000, np.arange(rows // 4) / 250)
+    table = pd.read_csv(section["files"]["lengths"])
+    table["period"] = np.arange(rows) // 200
+    table.to_csv(section["files"]["lengths"], index=False, float_format="%.17g")
+    found = _read(section)
+    np.testing.assert_array_equal(found.period, 4 * np.arange(len(found)) // 200)
+
+
 @pytest.mark.parametrize("rates", [(500, 250), (250, 500)])
 def test_a_length_out_of_range_names_the_file_of_the_lengths(tmp_path, rates):
     section = _files(tmp_path, *(_grid(rate) for rate in rates)) | {"offset": 700}
