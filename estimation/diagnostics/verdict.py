@@ -254,8 +254,8 @@ def experiment_findings(
 ) -> list[Finding]:
     """Return the findings of one experiment, one per assumption, effects by their strength.
 
-    So many experiments share the levels.
-    The strongest effect, and a second one that explains a comparable share, are marked as first.
+    The levels are divided among the number of experiments, `shares`. The strongest effect, and a
+    second one that explains a comparable share, are marked as first.
     """
     tests, white = diagnosis.tests, diagnosis.tests.whiteness.force_residuals
     if white is None:
