@@ -126,6 +126,7 @@ def machine_from_answers(
     known = replace(known or MachineDraft(one.name), name=one.name)
     height = one.home_height
     home = known.home or (0.0,) * len(COORDINATE_NAMES)
+    without_screw = one.drive in ("direct", "gear")
     bodies, about_bodies = _scale_bodies(known.bodies, one.mass)
     machine = replace(
         known,
@@ -134,6 +135,7 @@ def machine_from_answers(
         home=known.home if height is None else (*home[:2], height, *home[3:]),
         moved_mass=known.moved_mass if one.mass is None else one.mass,
         bodies=bodies,
+        platform_cardan_axes=None if without_screw else known.platform_cardan_axes,
         drive=_drive(one, known.drive) or known.drive,
         force_std=known.force_std if one.force_std is None else (one.force_std,) * ACTUATORS,
         length_std=known.length_std if one.length_std is None else (one.length_std,) * ACTUATORS,
@@ -144,6 +146,7 @@ def machine_from_answers(
         if (value := getattr(one, key)) is not None:
             limits[key] = value
     answered = {_ANSWERS.get(key, key) for key, value in vars(one).items() if value is not None}
+    answered |= {"platform_cardan_axes"} if without_screw else set()
     questions = [q for q in known.questions if q.key.removeprefix("limits.") not in answered]
     questions += about_bodies
     if one.strut_length is not None:

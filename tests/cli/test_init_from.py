@@ -88,6 +88,14 @@ def test_an_inertia_does_not_turn_a_left_handed_thread(expdesign, tmp_path):
     assert robot.thread_lead == pytest.approx(-0.005)
 
 
+@pytest.mark.parametrize("drive", [("direct",), ("gear", "--lead", "10 mm")])
+def test_a_stated_drive_without_a_screw_has_none_that_turns(drive, expdesign):
+    status, _, err = expdesign("init", "m", "--from", str(FOLDER / "mill.ini"), "--drive", *drive)
+    assert status == 0, err
+    robot = load_run("m-run.yaml").robot
+    assert (robot.drive.screw, robot.platform_cardan_axes) == (None, None)
+
+
 def test_sets_of_joints_are_named_by_options(expdesign, tmp_path):
     platform = np.roll(ring(0.25, 60, 12, -0.05), 1, axis=0)
     points = [ring(0.45, 0, 8).tolist(), platform.tolist()]
