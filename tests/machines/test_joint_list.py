@@ -115,6 +115,7 @@ def test_a_list_of_joints(name, tmp_path):
         ({"min_length": 600, "stroke": 200}, [0.6, 0.8], ""),
         ({"strut_length": ["600 mm", "0.8 m"]}, [0.6, 0.8], ""),
         ({"strut_length": [600, 800], "max_speed": 0.5}, [0.6, 0.8], "max_speed"),
+        ({"strut_length": [600, 800], "max_speed": "500 mm/s"}, [0.6, 0.8], "max_speed"),
         ({"stroke": 200}, None, "stroke"),
         ({"min_length": 600, "max_length": 800, "stroke": 300}, [0.6, 0.8], "stroke"),
     ],

@@ -168,11 +168,17 @@ def _strut_lengths(values: Mapping[str, Any]) -> tuple[list[float], list[str]]:
         ends.setdefault("high", ends["low"] + ends["stroke"])
     if "high" in ends and "stroke" in ends:
         ends.setdefault("low", ends["high"] - ends["stroke"])
+    texts = [
+        key
+        for key, value in values.items()
+        if isinstance(value, str) and _LIMIT.search(_words(key)) and re.search(r"\d", value)
+    ]
     if not 0 < ends.get("low", 0) < ends.get("high", 0):
-        return [], list(numbers)
+        return [], [*numbers, *texts]
     agree = abs(ends.get("stroke", 0) - (ends["high"] - ends["low"])) < _AGREE * ends["high"]
     read = {key for kind, (key, _) in found.items() if kind != "stroke" or agree}
-    return [ends["low"], ends["high"]], [key for key in numbers if key not in read]
+    unread = [*(key for key in numbers if key not in read), *texts]
+    return [ends["low"], ends["high"]], unread
 
 
 _LIMIT = re.compile(r"stroke|length|speed|veloc|accel|force|mass")
