@@ -226,7 +226,7 @@ def _made_from(configuration: RunConfiguration, trajectory: FourierTrajectory) -
         "robot": True,
         "motion": True,
         "trajectory": {"controller_period"},
-        "experiment": {"periods", "sampling"},
+        "experiment": {"periods", "sampling", "payload"},
     }
     text, versions = sections_text(configuration, sections), sorted(package_versions().items())
     return text_hash("executable motion", text, trajectory_text(trajectory), versions)

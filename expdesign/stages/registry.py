@@ -24,7 +24,7 @@ from expdesign.stages.stage import (
     too_long_to_simulate,
 )
 
-_EXPERIMENT, _VOLTAGES = {"periods", "sampling"}, {"units"}
+_EXPERIMENT, _VOLTAGES = {"periods", "sampling", "payload"}, {"units"}
 _ESTIMATOR = {"systematic", "estimators", "harmonics"}
 _PREDICTION = {"experiment": _EXPERIMENT, "estimate": _ESTIMATOR, "data": _VOLTAGES}
 """Keys that the predicted precision of a motion depends on."""
@@ -74,7 +74,7 @@ class DesignStage(SearchStage):
     does = "searches the optimal excitation trajectory"
     file = "design.json"
     writes = ("trajectory.csv", *TABLES)
-    sections = run_sections("trajectory", "design", experiment=_EXPERIMENT | {"payload"})
+    sections = run_sections("trajectory", "design", experiment=_EXPERIMENT)
     needs = ("others", "tolerances")
     compared = "trajectory.csv"
 
@@ -219,7 +219,7 @@ class SweepStage(SearchStage):
     writes = (*TABLES, "designs/*/design.json")
     sections = run_sections(
         *("trajectory", "design", "sweep", "goals"),
-        **_PREDICTION | {"experiment": _EXPERIMENT | {"payload"}},
+        **_PREDICTION,
     )
     needs = ("others",)
     in_sweep = True
@@ -237,7 +237,7 @@ class ExportStage(Stage):
         "motion",
         "export",
         design={"parameters", "known"},
-        experiment=_EXPERIMENT | {"payload"},
+        experiment=_EXPERIMENT,
     )
     needs = ("design",)
     motions = "each"

@@ -11,10 +11,12 @@ from expdesign.configuration.robot import load_robot_description
 from expdesign.runfolder.manifest import Manifest, entry, file_hash, sections_text
 from expdesign.stages import execution
 from expdesign.stages.execution import add_to_files, execute, input_hash, origins
+from expdesign.stages.export import _made_from as lead_inputs
 from expdesign.stages.registry import DesignStage, stages
 from expdesign.stages.stage import Outcome, StageFailed, StageFunctions, Workspace
 from results.views.folder import StageViews
 from results.views.view import Level, StageVerdict, StageView
+from tests.estimation.cases import trajectory
 
 
 class Unwritten:
@@ -343,6 +345,18 @@ def test_an_analysis_depends_on_what_it_names_and_on_its_frequency(stage, change
         for keys in ({}, changed)
     )
     assert one != other
+
+
+def test_predictions_and_lead_in_depend_on_the_payload():
+    """It changes the nominal parameters: forces, tolerances' effects and relative goals."""
+    palida = load_robot_description("palida").description.model_dump(mode="json", by_alias=True)
+    about = {"name": "n", "robot": palida | {"platform": "general"}, "goals": {"mass": "1 %"}}
+    bodies = [{"mass": "3 kg", "centre": [0, 0, 0.1]}]
+    runs = [load_run(about | {"experiment": keys}) for keys in ({}, {"payload": bodies})]
+    for stage in ("design", "next", "goals", "sweep", "export"):
+        one, other = (sections_text(run, stages()[stage].sections) for run in runs)
+        assert one != other, stage
+    assert len({lead_inputs(run, trajectory()) for run in runs}) == 2
 
 
 def test_predictions_depend_on_what_is_recorded_as_forces():
