@@ -196,6 +196,13 @@ def test_a_mass_in_a_point_is_a_body(palida, about):
     )
 
 
+def test_rounded_moments_of_a_thin_plate_are_a_body():
+    """The sum of two is the third: by less than a thousandth they may miss it."""
+    assert BodyDescription(mass=3, inertia=[0.01234, 0.01235, 0.0247]).mass == 3
+    with pytest.raises(ValueError, match="cannot have this inertia"):
+        BodyDescription(mass=3, inertia=[0.0123, 0.0123, 0.0247])
+
+
 def test_rounded_joints_and_centres_are_symmetric_enough(palida):
     joints = np.round(palida["platform_joints"], 5) + 1e-5 * np.eye(6, 3)
     bodies = {**STRUT, "platform": {**PLATFORM, "centre": [1e-6, 0, 0.106]}}

@@ -165,7 +165,9 @@ def test_a_motion_without_a_period_is_predicted_and_read_again(folder, tmp_path)
     motions = [{"motion": "file", "file": str(tmp_path / "m.csv"), "tolerance": "60 N"}]
     result = validate(run(validate=motions), read_estimate(folder, ROBOT))
     result.write(tmp_path)
-    for each in type(result).read(tmp_path).errors:
+    errors = type(result).read(tmp_path).errors
+    assert errors
+    for each in errors:
         assert np.isnan(each.detectable)
         assert each.error_low == 0 < each.error_high < 60
     made = RunFolder(tmp_path, {}, run(), results={ValidationResult: result})

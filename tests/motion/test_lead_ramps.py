@@ -93,31 +93,37 @@ def test_ramps_into_another_design_are_refused():
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("change", "said"),
     [
-        lambda record: record.pop("phase"),
-        lambda record: record.update(phase=-1),
-        lambda record: record.update(periods=0),
-        lambda record: record.update(periods=10**400),
-        lambda record: record.update(periods=float("inf")),
-        lambda record: record.update(periods=1.9),
-        lambda record: record.update(periods=True),
-        lambda record: record.update(periods="1"),
-        lambda record: record["ramps"][0].update(name="periods"),
-        lambda record: record.update(ramps=None),
-        lambda record: record["ramps"].pop(),
-        lambda record: record["ramps"][0].update(duration=0),
-        lambda record: record["ramps"][0].update(duration="long"),
-        lambda record: record["ramps"][1]["control_points"].pop(),
-        lambda record: record["ramps"][1]["control_points"][2].pop(),
-        lambda record: record["ramps"][1]["control_points"][2].__setitem__(3, None),
-        lambda record: record["ramps"][1]["control_points"][2].__setitem__(3, 0.7),
+        (lambda record: record.pop("phase"), "phase\n"),
+        (lambda record: record.update(phase=-1), "as many periods"),
+        (lambda record: record.update(periods=0), "as many periods"),
+        (lambda record: record.update(periods=10**400), "as many periods"),
+        (lambda record: record.update(periods=float("inf")), "periods\n"),
+        (lambda record: record.update(periods=1.9), "periods\n"),
+        (lambda record: record.update(periods=True), "periods\n"),
+        (lambda record: record.update(periods="1"), "periods\n"),
+        (lambda record: record["ramps"][0].update(name="periods"), "the name 'periods'"),
+        (lambda record: record.update(ramps=None), "ramps\n"),
+        (lambda record: record["ramps"].pop(), "no ramps lead into"),
+        (lambda record: record["ramps"][0].update(duration=0), "not finite"),
+        (lambda record: record["ramps"][0].update(duration="long"), "duration\n"),
+        (lambda record: record["ramps"][1]["control_points"].pop(), "5 control points"),
+        (lambda record: record["ramps"][1]["control_points"][2].pop(), "other than 6 coordinates"),
+        (
+            lambda record: record["ramps"][1]["control_points"][2].__setitem__(3, None),
+            "control_points",
+        ),
+        (
+            lambda record: record["ramps"][1]["control_points"][2].__setitem__(3, 0.7),
+            "do not lead into the designed motion",
+        ),
     ],
 )
-def test_what_is_no_record(change):
+def test_what_is_no_record(change, said):
     record = record_of(spline_motion_of(ROBOT, trajectory()))
     change(record)
-    with pytest.raises(ValueError, match=r"."):
+    with pytest.raises(ValueError, match=said):
         recorded_motion(record, trajectory(), ROBOT.home)
 
 

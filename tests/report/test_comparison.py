@@ -458,7 +458,9 @@ def test_the_information_matrix_is_judged(folder, twin, tmp_path):
 def test_studies_are_set_beside_their_bounds(folder, twin, tmp_path):
     compare([folder, twin], tmp_path / "out")
     table = {row["parameter"]: row for row in rows(folder / "tables" / "montecarlo.csv")}
-    for row in rows(tmp_path / "out" / "tables" / "achieved.csv"):
+    achieved = rows(tmp_path / "out" / "tables" / "achieved.csv")
+    assert {row["parameter"] for row in achieved} == set(table)
+    for row in achieved:
         for name in ("tiny", "other"):
             assert row[f"LS, {name}"] == table[row["parameter"]]["spread"]
             assert row[f"bound, {name}"] == table[row["parameter"]]["bound"]
