@@ -265,6 +265,18 @@ def test_masses_and_inertias_are_those_of_mujoco(content, tmp_path):
     _compare_bodies(f"<mujoco>{CLASSES}{world}</mujoco>", tmp_path)
 
 
+def test_the_total_mass_of_the_compiler_scales_all_bodies(tmp_path):
+    text = bench.mjcf().replace("<compiler ", '<compiler settotalmass="40" ')
+    model, machine = mujoco.MjModel.from_xml_string(text), read(tmp_path, text)
+    held = model.body_mass[model.body("platform").id] + model.body_mass[model.body("payload").id]
+    assert machine.moved_mass == pytest.approx(held)
+    assert machine.bodies.part("platform").mass == pytest.approx(held)
+    inertia = model.body_inertia[model.body("upper0").id][2]
+    assert machine.bodies.part("slider").inertia[2, 2] == pytest.approx(inertia)
+    unknown = read(tmp_path, text.replace('mass="7.5"', 'density="1000"'))
+    assert (unknown.moved_mass, unknown.bodies) == (None, None)
+
+
 def test_shapes_count_where_the_compiler_says_so(tmp_path):
     inertial = '<inertial mass="2" pos="0.1 0 0" diaginertia="0.1 0.2 0.25"/>'
     world = f'<worldbody><body name="b">{inertial}<geom mass="3" {SHAPES[0]}/></body></worldbody>'

@@ -72,6 +72,22 @@ class _Model:
         self._sites: dict[str, tuple[int, Array]] = {}
         for world in root.all("worldbody"):
             self._collect(world, 0, WORLD, None)
+        if self.attributes.total_mass:
+            self._scale_masses(self.attributes.total_mass)
+
+    def _scale_masses(self, total: float) -> None:
+        """Scale all bodies to a total mass, kg; with an unknown one nothing of them is known."""
+        masses = [body.mass for body in self.bodies if body.mass is not None]
+        stated = sum(masses) if len(masses) == len(self.bodies) else 0.0
+        factor = total / stated if stated > 0 else None
+        for i, body in enumerate(self.bodies[1:], 1):
+            mass, one = body.mass, body.rigid
+            if factor is None or mass is None:
+                self.bodies[i] = replace(body, mass=None, rigid=None)
+                continue
+            if one is not None:
+                one = RigidBody(factor * one.mass, factor * one.moment, factor * one.inertia)
+            self.bodies[i] = replace(body, mass=factor * mass, rigid=one)
 
     def _collect(
         self, element: Element, body: int, place: Placement, inherited: str | None
@@ -249,6 +265,8 @@ class Attributes:
     order: str = "xyz"
     """Order of Euler angles; upper case: about fixed axes."""
     autolimits: bool = True
+    total_mass: float = 0.0
+    """Mass that all bodies are scaled to, kg; zero: they are not."""
     by_shapes: bool = False
     """Whether bodies have the inertia of their shapes although they state another one."""
     classes: dict[str, dict[str, dict[str, str]]] = field(default_factory=lambda: {_MAIN: {}})
@@ -265,6 +283,8 @@ class Attributes:
             found.degrees = given.get("angle", "degree" if found.degrees else "radian") == "degree"
             found.order = given.get("eulerseq", found.order)
             found.autolimits = given.get("autolimits", "true") == "true"
+            total = float(compiler.numbers(given.get("settotalmass", "0"), "settotalmass", 1)[0])
+            found.total_mass = max(total, 0.0) or found.total_mass
             found.by_shapes = given.get("inertiafromgeom", "auto") == "true"
             if len(found.order) != len("xyz") or not set(found.order.lower()) <= set("xyz"):
                 raise compiler.refusal(f"eulerseq is {quote(found.order)}", "three of x, y, z")
