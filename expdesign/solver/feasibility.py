@@ -71,7 +71,7 @@ def random_start(
     Raises
     ------
     InfeasibleLimitsError
-        Not even a motion of 1e-4 of the drawn size keeps the limits.
+        Not even a minute motion about home keeps the limits.
     """
     variables = problem.variables
     table = np.zeros((COORDINATES, variables.per_coordinate))

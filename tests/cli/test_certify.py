@@ -99,6 +99,7 @@ def test_what_is_left_of_a_limit_is_the_same_share_as_in_the_design(expdesign, m
     printed = expdesign("certify", made)[1]
     lines = printed[: printed.index("motion:")].splitlines()
     limits = json.loads(expdesign("certify", made, "--json")[1])["parts"][0]["limits"]
+    assert len(limits) > 8
     for limit in limits:
         known = {key: value for key, value in limit.items() if key not in ("kept", "certified")}
         (line,) = (one for one in lines if one.startswith(f"{limit['key']} "))
