@@ -67,6 +67,14 @@ TEXTS = {
     "reversed.yaml": "\n".join(
         _named(BASE, PLATFORM).splitlines()[:7] + _named(BASE, PLATFORM).splitlines()[:6:-1]
     ),
+    "long names.json": json.dumps(
+        {
+            f"{a}{'9' * 5000}_{j}": p
+            for a, e in zip("ab", (BASE, PLATFORM), strict=True)
+            for j, p in enumerate(e.tolist(), 1)
+        }
+        | {"height": 0.7}
+    ),
     "quantity.yaml": _named(BASE, PLATFORM).replace("0.7", "700 mm"),
     "over the base.json": json.dumps(LISTS | {"topPoints": (PLATFORM + HOME).tolist()}),
     "struts.csv": _columns("", BASE, PLATFORM + HOME),

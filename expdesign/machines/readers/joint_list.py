@@ -250,7 +250,7 @@ def _grouped(values: Mapping[str, Any]) -> dict[str, Any]:
     for key, value in values.items():
         group = re.sub(r"[\s_.-]*\d+", "", key)
         if isinstance(value, list) and len(value) == 3 and group != key:  # noqa: PLR2004 - x, y, z
-            numbered.setdefault(group, []).append(([*map(int, re.findall(r"\d+", key))], value))
+            numbered.setdefault(group, []).append(([*map(int, re.findall(r"\d{1,9}", key))], value))
         else:
             found[key] = value
     for group, points in numbered.items():
