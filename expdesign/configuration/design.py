@@ -286,6 +286,12 @@ class DesignSection(Section):
         return self
 
     @property
+    def motion_files(self) -> tuple[str, ...]:
+        """Files of the experiment's other motions, and of the motion of a task."""
+        task = self.interest.task.file if isinstance(self.interest, TaskSection) else None
+        return (*self.others, *([task] if task else ()))
+
+    @property
     def information(self) -> str:
         """Symbol of the judged matrix: ``F``, or ``S`` with a prior."""
         return "F" if self.prior is None else "S"

@@ -81,11 +81,11 @@ class Stage(ABC):
     sections: Mapping[str, Keys] | None = None
     """Sections of the run file, or keys of them, that the result depends on; None: all."""
     needs: tuple[str, ...] = ()
-    """Inputs in addition to the run file: ``"design"``, ``"others"`` of a design, ``"recording"``
-    (with the executed design, if there is one), ``"estimate"``, ``"validation"`` for its recorded
-    motions, ``"tolerances"`` for their treatment by the run's estimator, or ``"folder"`` for all
-    other stages. They come from the options of the command, from memory when the same run has made
-    them, or from the run folder."""
+    """Inputs in addition to the run file: ``"design"``, ``"others"`` for the further motions that a
+    design names, ``"recording"`` (with the executed design, if there is one), ``"estimate"``,
+    ``"validation"`` for its recorded motions, ``"tolerances"`` for their treatment by the run's
+    estimator, or ``"folder"`` for all other stages. They come from the options of the command, from
+    memory when the same run has made them, or from the run folder."""
     makes_design: bool = False
     """Whether its command makes a missing design first."""
     compared: str = ""
@@ -392,7 +392,7 @@ class Workspace:
         A recording that is a folder, of rosbag2, is all files in it.
         """
         runs = self.configuration, *(point.configuration for point in self.configuration.grid)
-        others = dict.fromkeys(Path(file) for one in runs for file in one.run.design.others)
+        others = dict.fromkeys(Path(file) for one in runs for file in one.run.design.motion_files)
         designs = [path.absolute() for path in self.sources.designs or self.motion_folders]
         places = [*others] if need == "others" else designs
         files = [path / self.design_file.name if path.is_dir() else path for path in places]

@@ -299,6 +299,16 @@ def test_a_validation_depends_on_the_recorded_motions(tmp_path):
     assert origins(stages()["validate"], work)[recorded.name] == file_hash(recorded)
 
 
+def test_a_design_for_a_task_depends_on_its_motion(tmp_path):
+    file = tmp_path / "design.json"
+    file.write_text("a motion")
+    section = {"interest": {"task": str(tmp_path)}, "criterion": "a"}
+    run = load_run({"name": "n", "robot": "palida", "design": section})
+    before = input_hash(stages()["design"], Workspace(run, tmp_path / "run"))
+    file.write_text("another motion")
+    assert input_hash(stages()["design"], Workspace(run, tmp_path / "run")) != before
+
+
 @pytest.mark.parametrize(
     "changes",
     [
