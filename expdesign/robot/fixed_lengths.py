@@ -170,7 +170,7 @@ def _rate_of(graph: HexapodGraph, value: ca.SX) -> ca.SX:
 
 
 def group_effects(robot: Robot, chosen: Sequence[Deviation]) -> Array:
-    """Return the effect of one standard deviation of each on the columns' unknowns, (t, n), SI.
+    """Return the effect of one standard deviation of each on the columns' unknowns, (n, t), SI.
 
     The columns are those of `fixed_length_graph`.
     """
