@@ -25,7 +25,7 @@ from expdesign.configuration.schema import Ascending, Name, Pair, Section, exact
 from expdesign.machines import readers
 from expdesign.machines.assumed import height_at, points, refuse_short_struts
 from expdesign.machines.machine import MachineDraft, MachineFormat, Points, Question, round_digits
-from expdesign.machines.readers.joint_list import draft_of_points
+from expdesign.machines.readers.joint_list import draft_of_points, with_height
 from expdesign.machines.writing import INERTIA
 from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES
 
@@ -125,14 +125,13 @@ def machine_from_answers(
     one = answers.value
     known = replace(known or MachineDraft(one.name), name=one.name)
     height = one.home_height
-    home = known.home or (0.0,) * len(COORDINATE_NAMES)
+    known = known if height is None else with_height(known, height)
     without_screw = one.drive in ("direct", "gear")
     bodies, about_bodies = _scale_bodies(known.bodies, one.mass)
     machine = replace(
         known,
         base_joints=_joints(one, "base") or known.base_joints,
         platform_joints=_joints(one, "platform") or known.platform_joints,
-        home=known.home if height is None else (*home[:2], height, *home[3:]),
         moved_mass=known.moved_mass if one.mass is None else one.mass,
         bodies=bodies,
         platform_cardan_axes=None if without_screw else known.platform_cardan_axes,

@@ -7,7 +7,9 @@ import pytest
 from scipy.io import savemat
 
 from expdesign.configuration import InputError
-from expdesign.machines.importing import read_machine
+from expdesign.configuration.document import Located, document_from_mapping
+from expdesign.configuration.schema import validate
+from expdesign.machines.importing import MachineDescription, machine_from_answers, read_machine
 from tests.machines.machines_of import asked
 from tests.machines.test_matlab import ring
 
@@ -136,6 +138,35 @@ def test_lengths_of_struts_and_what_is_not_read(given, lengths, unread, tmp_path
     assert machine.limits.get("strut_length") == (lengths and pytest.approx(lengths))
     said = " ".join(one.text for one in machine.questions)
     assert (f"Not read from the file: {unread}." in said) == bool(unread)
+
+
+def _machine(platform, tmp_path, in_file=None, stated=None):
+    joints = {"base": BASE.tolist(), "top": platform.tolist(), "unit": "m"}
+    joints |= {} if in_file is None else {"height": in_file}
+    (tmp_path / "m.json").write_text(json.dumps(joints), encoding="utf-8")
+    answers = {"name": "m"} | ({} if stated is None else {"home_height": stated})
+    document = document_from_mapping(answers)
+    located = Located(validate(MachineDescription, document.data, document), document)
+    return machine_from_answers(located, read_machine("m", [tmp_path / "m.json"]))
+
+
+def test_joints_over_the_base_keep_their_place_whoever_states_the_height(tmp_path):
+    platform, near = PLATFORM + HOME, 0.68
+    in_file = _machine(platform, tmp_path, in_file=near)
+    stated = _machine(platform, tmp_path, stated=near)
+    for machine in (in_file, stated):
+        assert machine.home[2] == pytest.approx(near)
+        joints = np.array(machine.platform_joints) + machine.home[:3]
+        np.testing.assert_allclose(joints, platform, atol=1e-12)
+        assert "platform_joints" in asked(machine)
+    assert asked(stated) == asked(in_file)
+
+
+def test_another_height_moves_the_platform(tmp_path):
+    machine = _machine(PLATFORM + HOME, tmp_path, stated=2 * HOME[2])
+    joints = np.array(machine.platform_joints)
+    np.testing.assert_allclose(joints - joints.mean(axis=0), joints, atol=1e-12)
+    assert machine.home[2] == 2 * HOME[2]
 
 
 @pytest.mark.parametrize("suffix", ["json", "mat"])

@@ -7,6 +7,7 @@ import json
 import re
 import shlex
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from expdesign.configuration.document import read_text, read_yaml
 from expdesign.configuration.errors import InputError
 from expdesign.configuration.quantity import LENGTH
 from expdesign.machines.machine import MachineDraft, MachineFormat, Question, rows
-from expdesign.mechanism.hexapod import ACTUATORS
+from expdesign.mechanism.hexapod import ACTUATORS, COORDINATE_NAMES
 
 _DEEPEST = 8
 _NAMES = {
@@ -110,16 +111,10 @@ def draft_of_points(
         if home is None:
             home = platform.mean(axis=0)
             platform = platform - home
-            text = "The joints of the platform are given over the base: the TCP is put amid them."
-            questions.append(Question("home", text))
+            questions.append(_AMID)
         elif abs(raised - home[2]) < _AS_HIGH * abs(raised):
             platform = platform - home
-            text = (
-                f"The joints of the platform are {raised * 1e3:.6g} mm over those of the base, "
-                f"about the height in the file, {home[2] * 1e3:.6g} mm: they are taken as given in "
-                "the base frame. Are they?"
-            )
-            questions.append(Question("platform_joints", text))
+            questions.append(_in_base_frame(raised, home[2]))
     lengths, unread = _strut_lengths(values)
     if unread:
         text = f"Not read from the file: {', '.join(unread)}. Enter what is a limit below."
@@ -132,6 +127,39 @@ def draft_of_points(
         home=None if home is None else (*rows(home[None])[0], 0.0, 0.0, 0.0),
         limits={"strut_length": [scale * one for one in lengths]} if lengths else {},
         questions=tuple(questions),
+    )
+
+
+def with_height(draft: MachineDraft, height: float) -> MachineDraft:
+    """Return a draft with home at a height, m, that the list does not have.
+
+    If it is about that of the platform's joints, they keep their place over the base.
+    """
+    home, joints = draft.home or (0.0,) * len(COORDINATE_NAMES), draft.platform_joints
+    draft = replace(draft, home=(*home[:2], height, *home[3:]))
+    if _AMID not in draft.questions or not isinstance(joints, tuple):
+        return draft
+    if abs(height - home[2]) >= _AS_HIGH * abs(home[2]):
+        return draft
+    others = (one for one in draft.questions if one != _AMID)
+    return replace(
+        draft,
+        platform_joints=rows(np.array(joints) - [0.0, 0.0, height - home[2]]),
+        questions=(*others, _in_base_frame(home[2], height)),
+    )
+
+
+_AMID = Question(
+    "home", "The joints of the platform are given over the base: the TCP is put amid them."
+)
+
+
+def _in_base_frame(raised: float, height: float) -> Question:
+    return Question(
+        "platform_joints",
+        f"The joints of the platform are {raised * 1e3:.6g} mm over those of the base, about the "
+        f"stated height, {height * 1e3:.6g} mm: they are taken as given in the base frame. Are "
+        "they?",
     )
 
 
