@@ -83,6 +83,12 @@ TEXTS = {
     "millimetres.csv": _columns(" [mm]", 1e3 * BASE, 1e3 * (PLATFORM + HOME)),
     "joints.csv": _rows(("base", "top"), 1e3 * BASE, 1e3 * (PLATFORM + HOME)),
     "comma.csv": _rows(("base", "top"), 1e3 * BASE, 1e3 * (PLATFORM + HOME)).replace(".", ","),
+    "height in a row.csv": _rows(("base", "top"), 1e3 * BASE, 1e3 * PLATFORM).strip()
+    + "\nheight;;;700 mm\n",
+    "height in a column.csv": "\n".join(
+        f"{line},{'0.7' if number else 'height'}"
+        for number, line in enumerate(_columns("", BASE, PLATFORM).strip().splitlines())
+    ),
 }
 WITH_UNIT = {
     "lists.json",
@@ -91,6 +97,7 @@ WITH_UNIT = {
     "millimetres.csv",
     "joints.csv",
     "comma.csv",
+    "height in a row.csv",
 }
 STRUCT = {"Aa": BASE, "Ab": PLATFORM + HOME, "Bb": PLATFORM, "L": 0.7 * np.ones(6)}
 MATRICES = {

@@ -38,7 +38,8 @@ _AS_HIGH = 0.1
 """Relative difference up to which that height is the stated one, of a TCP near the joints."""
 _ALLOWED = (
     "two sets of six points [x, y, z], base_joints and platform_joints, and optionally height and "
-    "unit; CSV has the columns base_x … platform_z, or name, x, y, z"
+    "unit; CSV has the columns base_x … platform_z, or name, x, y, z; a column with the same cell "
+    "in every row, or a row with one, is a value"
 )
 
 
@@ -306,11 +307,24 @@ def _table(text: str) -> dict[str, Any]:
     if {"x", "y", "z"} <= set(axes):
         labels = next(iter(columns.values()))
         points = zip(*(columns[axes[axis]] for axis in "xyz"), strict=True)
-        return found | {label: list(one) for label, one in zip(labels, points, strict=True)}
+        for label, one in zip(labels, points, strict=True):
+            given = [cell for cell in one if cell]
+            found[label] = _value(given[0]) if len(given) == 1 else list(one)
+        return found
     for name in names:
         if (match := re.fullmatch(r"(.*?)[\s_.]*([xyzXYZ])", name)) is not None:
             found.setdefault(match[1], {})[match[2].lower()] = columns[name]
+        elif len(set(columns[name])) == 1:
+            found[name] = _value(columns[name][0])
     return {key: list(one.values()) if isinstance(one, dict) else one for key, one in found.items()}
+
+
+def _value(cell: str) -> float | str:
+    """Return the number, or the text with its unit, of a row or column with one value."""
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
 
 
 def _values(file: Path) -> dict[str, Any]:
