@@ -265,7 +265,8 @@ def test_masses_and_inertias_are_those_of_mujoco(content, tmp_path):
     _compare_bodies(f"<mujoco>{CLASSES}{world}</mujoco>", tmp_path)
 
 
-def test_the_total_mass_of_the_compiler_scales_all_bodies(tmp_path):
+def test_the_total_mass_of_the_compiler_scales_all_bodies(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its warning to a file in the current folder
     text = bench.mjcf().replace("<compiler ", '<compiler settotalmass="40" ')
     model, machine = mujoco.MjModel.from_xml_string(text), read(tmp_path, text)
     held = model.body_mass[model.body("platform").id] + model.body_mass[model.body("payload").id]
