@@ -85,6 +85,12 @@ TEXTS = {
     "comma.csv": _rows(("base", "top"), 1e3 * BASE, 1e3 * (PLATFORM + HOME)).replace(".", ","),
     "height in a row.csv": _rows(("base", "top"), 1e3 * BASE, 1e3 * PLATFORM).strip()
     + "\nheight;;;700 mm\n",
+    "height of every joint.csv": "\n".join(
+        f"{line};{'700 mm' if number else 'height'}"
+        for number, line in enumerate(
+            _rows(("base", "top"), 1e3 * BASE, 1e3 * PLATFORM).splitlines()
+        )
+    ),
     "height in a column.csv": "\n".join(
         f"{line},{'0.7' if number else 'height'}"
         for number, line in enumerate(_columns("", BASE, PLATFORM).strip().splitlines())
@@ -98,6 +104,7 @@ WITH_UNIT = {
     "joints.csv",
     "comma.csv",
     "height in a row.csv",
+    "height of every joint.csv",
 }
 STRUCT = {"Aa": BASE, "Ab": PLATFORM + HOME, "Bb": PLATFORM, "L": 0.7 * np.ones(6)}
 MATRICES = {

@@ -304,18 +304,19 @@ def _table(text: str) -> dict[str, Any]:
     columns = {name: [row[k].strip() for row in table] for k, name in enumerate(names)}
     found: dict[str, Any] = {"unit": units[0]} if units else {}
     axes = {_words(name): name for name in names}
-    if {"x", "y", "z"} <= set(axes):
+    by_joint = {"x", "y", "z"} <= set(axes)
+    for name in names:
+        match = re.fullmatch(r"(.*?)[\s_.]*([xyzXYZ])", name)
+        if match is None and len(set(columns[name])) == 1:
+            found[name] = _value(columns[name][0])
+        elif match is not None and not by_joint:
+            found.setdefault(match[1], {})[match[2].lower()] = columns[name]
+    if by_joint:
         labels = next(iter(columns.values()))
         points = zip(*(columns[axes[axis]] for axis in "xyz"), strict=True)
         for label, one in zip(labels, points, strict=True):
             given = [cell for cell in one if cell]
             found[label] = _value(given[0]) if len(given) == 1 else list(one)
-        return found
-    for name in names:
-        if (match := re.fullmatch(r"(.*?)[\s_.]*([xyzXYZ])", name)) is not None:
-            found.setdefault(match[1], {})[match[2].lower()] = columns[name]
-        elif len(set(columns[name])) == 1:
-            found[name] = _value(columns[name][0])
     return {key: list(one.values()) if isinstance(one, dict) else one for key, one in found.items()}
 
 
