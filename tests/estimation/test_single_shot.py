@@ -258,7 +258,7 @@ def test_correlated_channels_share_the_errors_of_their_memories(correlation, oth
     assert stated == pytest.approx(np.std(np.log(values)), rel=0.25)
 
 
-def test_an_uncertain_sample_has_little_weight_in_every_filtered_value():
+def test_a_sample_that_is_not_known_has_no_weight_in_any_filtered_value():
     rng, count, place = np.random.default_rng(7), 600, 300
     certainty = np.where(np.arange(count) == place, 0.0, 1.0)
     noise = autoregressive_noise(
